@@ -8,15 +8,15 @@ use std::path::Path;
 
 use evis_core::emulator::{EmulatorConfig, FrameData, Frames};
 use evis_core::event::MOST_T_US;
+use evis_core::format::FormatError;
 use evis_core::format::hdf5::{self, Recording, RecordingHeader, RecordingWriter};
-use evis_core::format::{FormatError, read_events};
 use evis_core::sensor::Readout;
 use evis_core::stats::stats;
 use evis_core::{
     CameraInfo, Event, EventEmulator, LabelData, LabelFrame, LabelKind, Polarity, PoseSample, SensorConfig,
     Truth,
 };
-use evis_format::{AedatImuSample, Format, Frame, Packet, ReadOptions, Trigger, WriteOptions};
+use evis_format::{AedatImuSample, Format, Frame, Packet, ReadOptions, Trigger, WriteOptions, read_events};
 use evis_scene::environment::Environment;
 use evis_scene::gltf::Options;
 use evis_scene::image::{Transfer, decode};

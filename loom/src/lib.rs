@@ -16,14 +16,14 @@ mod sync {
     pub(super) use std::thread::panicking as is_panicking;
 
     /// Loom has no clock: a helper leaves when it found nothing twice.
-    pub(super) struct Patience(u32);
+    pub(super) struct Backoff(u32);
 
-    impl Patience {
+    impl Backoff {
         pub fn new() -> Self {
             Self(0)
         }
 
-        pub fn lasts(&self) -> bool {
+        pub fn spins(&self) -> bool {
             self.0 < 2
         }
 

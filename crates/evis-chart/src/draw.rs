@@ -24,7 +24,7 @@ const BELOW: f64 = 58.0;
 const ROW_HEAD: f64 = 34.0;
 const LINE: f64 = 19.0;
 
-/// Rows beyond which a figure becomes too large to be looked at.
+/// Rows beyond which a figure becomes too large to read.
 const MAX_SCENES: usize = 24;
 
 /// How a chart is drawn.

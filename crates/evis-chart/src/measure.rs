@@ -25,7 +25,7 @@ const LOOK: Duration = Duration::from_millis(50);
 pub struct Series<'a> {
     /// Where it runs.
     pub gpu: &'a Gpu,
-    /// What it renders; its first environment is looked at.
+    /// What it renders; its first environment is measured.
     pub scene: Arc<Scene>,
     /// Settings, each with its run.
     pub runs: &'a [(Setting, RunConfig)],

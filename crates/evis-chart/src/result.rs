@@ -146,7 +146,7 @@ impl Measure {
     }
 }
 
-/// How points are looked at.
+/// By which measures points are drawn.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens {
     /// Tolerance of F1 in microseconds, one of [`DEFAULT_TOLERANCES_US`].

@@ -4,7 +4,7 @@ use evis_core::Event;
 use evis_core::event::slice_time;
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::Recording;
-use evis_core::format::{EventFile, read_events};
+use evis_format::{EventFile, read_events};
 use std::path::Path;
 
 use crate::args::to_us;

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use evis_core::format::hdf5::Recording;
 use evis_format::PixelMap;
-use evis_scene::{CalibratedLens, Distortion, Rig};
+use evis_scene::{CalibratedLens, Distortion, LensModel, Rig};
 
 use crate::failure::bad_input;
 

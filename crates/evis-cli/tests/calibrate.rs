@@ -15,25 +15,11 @@ use evis_core::{CameraInfo, EmulatorConfig, Event, EventEmulator, Frames, Sensor
 const SIZE: (u32, u32) = (64, 48);
 
 fn save(path: &Path, events: &[Event], duration_us: i64) {
-    let camera = CameraInfo {
-        name: "camera".into(),
-        width: SIZE.0,
-        height: SIZE.1,
-        fx: f64::NAN,
-        fy: f64::NAN,
-        cx: f64::NAN,
-        cy: f64::NAN,
-        distortion: None,
-    };
+    let camera = CameraInfo::uncalibrated("camera", SIZE);
     let header = RecordingHeader {
-        cameras: vec![camera],
-        seed: 0,
         method: "test".into(),
-        environment: 0,
-        config_toml: String::new(),
         duration_us: Some(duration_us),
-        t_offset_us: 0,
-        labels: Vec::new(),
+        ..RecordingHeader::of(vec![camera])
     };
     let mut writer = RecordingWriter::create(path, &header, true).unwrap();
     writer.write_events(0, events).unwrap();

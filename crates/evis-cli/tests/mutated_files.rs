@@ -77,7 +77,7 @@ fn child() {
 
     let done = Arc::new(AtomicU64::new(0));
     let watched = done.clone();
-    let patience = Duration::from_secs(setting("EVIS_FUZZ_HANG_S").unwrap_or(HANG_S));
+    let hang_after = Duration::from_secs(setting("EVIS_FUZZ_HANG_S").unwrap_or(HANG_S));
     std::thread::spawn(move || {
         let (mut last, mut since) = (0, Instant::now());
         loop {
@@ -85,7 +85,7 @@ fn child() {
             let now = watched.load(Ordering::Relaxed);
             if now != last {
                 (last, since) = (now, Instant::now());
-            } else if since.elapsed() > patience {
+            } else if since.elapsed() > hang_after {
                 std::process::exit(HUNG);
             }
         }

@@ -12,16 +12,7 @@ use evis_core::{CameraInfo, Event, Polarity, Region, SensorConfig, Truth};
 
 /// The events that `write_recording` writes, as truth of 200 ms with one region per polarity.
 fn truth(change: impl FnOnce(&mut Truth)) -> Truth {
-    let camera = CameraInfo {
-        name: "left".into(),
-        width: WIDTH,
-        height: HEIGHT,
-        fx: 40.0,
-        fy: 40.0,
-        cx: 24.0,
-        cy: 16.0,
-        distortion: None,
-    };
+    let camera = CameraInfo::uncalibrated("left", (WIDTH, HEIGHT));
     let mut truth = Truth::from_events(events(), camera, SensorConfig::default(), 1.0, 200_000);
     let region = |e: &Event| if e.p == 1 { Region::Interior } else { Region::ShadowEdge };
     truth.event_region = truth.events.iter().map(region).collect();
@@ -33,14 +24,9 @@ fn truth(change: impl FnOnce(&mut Truth)) -> Truth {
 fn record(path: &Path, size: [u32; 2], config_toml: &str, events: &[Event]) {
     let camera = CameraInfo { name: "only".into(), width: size[0], height: size[1], ..truth(|_| ()).camera };
     let header = RecordingHeader {
-        cameras: vec![camera],
-        seed: 0,
         method: "native".into(),
-        environment: 0,
         config_toml: config_toml.into(),
-        duration_us: None,
-        t_offset_us: 0,
-        labels: Vec::new(),
+        ..RecordingHeader::of(vec![camera])
     };
     let mut writer = RecordingWriter::create(path, &header, false).unwrap();
     writer.write_events(0, events).unwrap();

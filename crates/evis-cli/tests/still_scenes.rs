@@ -111,7 +111,7 @@ fn a_photo_is_a_scene_and_gives_the_same_bytes_twice() {
     let (again, _) = run(&folder, "photo.png");
     assert_eq!(again["events"], report["events"]);
     let events = |name: &str| {
-        let recording = evis_core::format::read_events(&folder.file(name), None).unwrap();
+        let recording = evis_format::read_events(&folder.file(name), None).unwrap();
         format!("{recording:?}")
     };
     std::fs::write(folder.file("first.h5"), first).unwrap();

@@ -553,7 +553,7 @@ cameras = [{ name = "eye", position = [0, 0.5, 1.6], look_at = [0, 0.3, 0], size
         // Decoupled sampling needs no device.
         let output = evis(&folder, "run drop.toml -o drop.h5 --force --method decoupled --duration 1");
         assert_eq!(code(&output), 0, "{}", stderr(&output));
-        let file = evis_core::format::read_events(&folder.file("drop.h5"), None).unwrap();
+        let file = evis_format::read_events(&folder.file("drop.h5"), None).unwrap();
         file.events.iter().map(|event| event.t).collect::<Vec<_>>()
     };
     // It falls by half a metre in 0.32 s, and lies still.

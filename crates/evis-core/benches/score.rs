@@ -65,16 +65,7 @@ fn main() {
     let events = bursts(count, &mut random);
     let pixels: Vec<[u16; 2]> = (0..SIZE[1]).flat_map(|y| (0..SIZE[0]).map(move |x| [x, y])).collect();
     let truth = Truth {
-        camera: CameraInfo {
-            name: "camera".into(),
-            width: SIZE[0].into(),
-            height: SIZE[1].into(),
-            fx: 1.0,
-            fy: 1.0,
-            cx: 0.0,
-            cy: 0.0,
-            distortion: None,
-        },
+        camera: CameraInfo::uncalibrated("camera", (SIZE[0].into(), SIZE[1].into())),
         sensor: SensorConfig::default(),
         reference_luminance: 1.0,
         duration_us: DURATION_US,

@@ -34,7 +34,7 @@ use diffusion::Diffuse;
 use exposing::Exposing;
 use frames::{BLOCK, Source, Tables};
 use ideal::{Interval, Pixels, Tally};
-use keyframe::Benches;
+use keyframe::ScratchPool;
 use last_keyframe::Keyframe;
 use numbering::Numbering;
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
@@ -151,7 +151,7 @@ pub struct EventEmulator {
     now_us: Option<i64>,
     last: EmulatorReport,
     total: EmulatorReport,
-    benches: Benches,
+    scratch_pool: ScratchPool,
     keyframe_reports: Vec<KeyframeReport>,
     /// Of the last push's events, per environment.
     causes: Vec<Vec<u8>>,
@@ -177,7 +177,7 @@ struct Environment {
     tiles: Vec<Tile>,
     spans: Vec<Span>,
     /// Events that have not left the sensor.
-    wire: Queue,
+    queue: Queue,
     fired: Vec<Event>,
     report: EmulatorReport,
     /// What the last frame was, if it had depth and motion.
@@ -273,7 +273,7 @@ impl EventEmulator {
                 .map(|first| Tile::new(first, (first + tile).min(pixels)))
                 .collect(),
             spans: Vec::new(),
-            wire: Queue::default(),
+            queue: Queue::default(),
             fired: Vec::new(),
             report: EmulatorReport::default(),
             keyframe: None,
@@ -310,7 +310,7 @@ impl EventEmulator {
             now_us: None,
             last: EmulatorReport::default(),
             total: EmulatorReport::default(),
-            benches: Benches::default(),
+            scratch_pool: ScratchPool::default(),
             keyframe_reports: Vec::new(),
             causes: Vec::new(),
             config,
@@ -389,7 +389,7 @@ impl EventEmulator {
         if exposes {
             let eps = config.sensor.log_eps;
             let is_light = environments.iter_mut().zip(&sources).all(|(environment, source)| {
-                environment.exposing.as_mut().is_none_or(|light| light.look(work.threads, source, eps))
+                environment.exposing.as_mut().is_none_or(|light| light.load(work.threads, source, eps))
             });
             if !is_light {
                 return Err(impossible_light(frames, config));
@@ -447,7 +447,7 @@ impl EventEmulator {
         self.total.add(&last);
     }
 
-    /// Lets the environments `indices` (all, where there is no list) begin anew with their next frame. With all of them
+    /// Lets the environments `indices` (all, where there is no list) start again with their next frame. With all of them
     /// reset, time may start anywhere again.
     ///
     /// # Errors
@@ -460,12 +460,12 @@ impl EventEmulator {
                     return Err(ConfigError::new("environment", bad, format!("below the batch of {batch}")));
                 }
                 for index in indices {
-                    self.environments[*index].begin_anew();
+                    self.environments[*index].restart();
                 }
             }
             None => {
                 for environment in &mut self.environments {
-                    environment.begin_anew();
+                    environment.restart();
                 }
             }
         }
@@ -585,8 +585,8 @@ impl Environment {
         self.started || self.exposing.as_ref().is_some_and(|light| light.since_us.is_some())
     }
 
-    /// Lets it begin with what comes next.
-    fn begin_anew(&mut self) {
+    /// Starts again with what comes next.
+    fn restart(&mut self) {
         self.started = false;
         if let Some(light) = &mut self.exposing {
             light.since_us = None;
@@ -595,7 +595,7 @@ impl Environment {
 
     /// Forgets everything but what is frozen.
     fn clear(&mut self) {
-        self.wire = Queue::default();
+        self.queue = Queue::default();
         for tile in &mut self.tiles {
             match &mut tile.memory {
                 // What a pixel is does not change.
@@ -611,15 +611,15 @@ impl Environment {
             Source::Linear { values: light, inverse_reference: 1.0 / work.config.reference_luminance };
         match &mut self.exposing {
             Some(exposing) => {
-                exposing.look(work.threads, &source, work.config.sensor.log_eps);
+                exposing.load(work.threads, &source, work.config.sensor.log_eps);
                 self.expose(work, events);
             }
-            None => self.feel(work, source, events),
+            None => self.sense(work, source, events),
         }
     }
 
     /// Both passes over light that was found possible.
-    fn feel(&mut self, work: &Push<'_>, source: Source<'_>, events: &mut Vec<Event>) {
+    fn sense(&mut self, work: &Push<'_>, source: Source<'_>, events: &mut Vec<Event>) {
         let (environment, sources) = (std::slice::from_mut(self), [source]);
         let scans = scan(work, environment, &sources);
         fire(work, environment, (&scans, &sources), std::slice::from_mut(events));
@@ -652,7 +652,7 @@ impl Environment {
                 self.fired.sort_by_key(|event| event.t);
                 events.append(&mut self.fired);
             } else {
-                dropped = self.wire.pass(readout, &mut self.fired, end_us, events);
+                dropped = self.queue.pass(readout, &mut self.fired, end_us, events);
             }
         }
         self.report = EmulatorReport {

@@ -13,7 +13,7 @@
 //! events). A stream that says nothing says nothing wrong: precision without events is 1, recall with nothing to find
 //! is 1. F1 of an empty stream is 0.
 //!
-//! **What is looked at.** Pixels that the truth knows, times in `[0, duration_us)`; other events are counted and
+//! **What is scored.** Pixels that the truth knows, times in `[0, duration_us)`; other events are counted and
 //! otherwise ignored.
 //!
 //! **Chance.** The same matching after each pixel's times were shifted cyclically by an amount of its own, more than
@@ -72,11 +72,11 @@ impl Default for ScoreSettings {
 pub struct Score {
     /// Length that was scored, in microseconds.
     pub duration_us: i64,
-    /// Pixels that were looked at.
+    /// Pixels that were scored.
     pub pixels: u64,
     /// Events of the truth.
     pub truth_events: u64,
-    /// Events of the stream that were looked at.
+    /// Events of the stream that were scored.
     pub events: u64,
     /// Events of the stream at pixels that the truth does not know.
     pub ignored_unknown_pixel: u64,
@@ -118,7 +118,7 @@ pub struct ToleranceScore {
     pub scaled: MatchScore,
 }
 
-/// What one matching tells.
+/// The result of one matching.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MatchScore {
     /// Pairs.

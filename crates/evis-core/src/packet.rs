@@ -30,6 +30,23 @@ pub struct CameraInfo {
     pub distortion: Option<LensDistortion>,
 }
 
+impl CameraInfo {
+    /// A camera whose lens is not known: focal lengths and principal point are NaN.
+    pub fn uncalibrated(name: impl Into<String>, (width, height): (u32, u32)) -> Self {
+        let unknown = f64::NAN;
+        Self {
+            name: name.into(),
+            width,
+            height,
+            fx: unknown,
+            fy: unknown,
+            cx: unknown,
+            cy: unknown,
+            distortion: None,
+        }
+    }
+}
+
 /// How a lens departs from a pinhole: a model, and its coefficients in OpenCV's order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LensDistortion {

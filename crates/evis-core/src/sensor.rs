@@ -95,7 +95,7 @@ pub struct SensorConfig {
     /// Silence after an event.
     #[serde(skip_serializing_if = "is_default")]
     pub refractory: Refractory,
-    /// From the pixel to the wire.
+    /// From the pixel to the host.
     #[serde(skip_serializing_if = "is_default")]
     pub readout: Readout,
     /// Another trigger, which takes the place of thresholds, photoreceptor, leak and shot noise.

@@ -152,16 +152,7 @@ mod tests {
     fn regions_hold_from_their_span_to_the_next() {
         let span = |t_us, region| RegionSpan { t_us, region };
         let truth = Truth {
-            camera: CameraInfo {
-                name: "c".into(),
-                width: 4,
-                height: 4,
-                fx: 1.0,
-                fy: 1.0,
-                cx: 2.0,
-                cy: 2.0,
-                distortion: None,
-            },
+            camera: CameraInfo::uncalibrated("c", (4, 4)),
             sensor: SensorConfig::default(),
             reference_luminance: 1.0,
             duration_us: 100,

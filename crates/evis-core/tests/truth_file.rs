@@ -149,14 +149,9 @@ fn a_truth_file_is_a_recording() {
 fn record(path: &Path, config_toml: &str, report: Option<&str>) -> Recording {
     let right = CameraInfo { name: "right".into(), ..camera() };
     let header = RecordingHeader {
-        cameras: vec![camera(), right],
-        seed: 0,
         method: "native".into(),
-        environment: 0,
         config_toml: config_toml.into(),
-        duration_us: None,
-        t_offset_us: 0,
-        labels: Vec::new(),
+        ..RecordingHeader::of(vec![camera(), right])
     };
     let mut writer = RecordingWriter::create(path, &header, true).unwrap();
     let events = [Event::new(3, 1, 2, Polarity::On), Event::new(9999, 39, 29, Polarity::Off)];

@@ -338,17 +338,7 @@ pub(crate) struct Hdf5Writer {
 
 impl Hdf5Writer {
     pub(crate) fn create(path: &Path, options: &WriteOptions) -> Result<Self, FormatError> {
-        let unknown = f64::NAN;
-        let camera = CameraInfo {
-            name: "camera".into(),
-            width: options.size.0,
-            height: options.size.1,
-            fx: unknown,
-            fy: unknown,
-            cx: unknown,
-            cy: unknown,
-            distortion: None,
-        };
+        let camera = CameraInfo::uncalibrated("camera", options.size);
         let header = RecordingHeader::of(vec![camera]);
         let writer = RecordingWriter::create(path, &header, options.overwrite)?;
         Ok(Self { path: path.into(), writer })

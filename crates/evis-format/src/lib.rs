@@ -24,6 +24,7 @@ mod read;
 mod recognise;
 mod ros;
 mod text;
+mod whole;
 mod work;
 mod write;
 
@@ -36,7 +37,8 @@ pub use pixel_map::PixelMap;
 pub use read::{Between, EventReader, Extent, ReadOptions, StreamInfo, measure};
 pub use recognise::recognise;
 pub use ros::{BagImport, McapExport, export_mcap, import_mcap};
+pub use whole::read_events;
 pub use write::{EventWriter, WriteOptions};
 
 pub use evis_core::Event;
-pub use evis_core::format::FormatError;
+pub use evis_core::format::{EventFile, FormatError};

@@ -20,6 +20,8 @@ use crate::write::{EventWriter, WriteOptions};
 
 /// Events per packet.
 const EVENTS_AT_ONCE: usize = 32 << 10;
+/// Most bytes of an element with fields.
+const MOST_ROW: usize = 1 << 12;
 /// Names of columns that other programs use, for t, x, y and p.
 const NAMES: [&[&str]; 4] = [
     &["t", "ts", "timestamp", "timestamps"],
@@ -39,13 +41,20 @@ type Fields = [(usize, Integer); 4];
 /// The fields of `('x', '<u2'), ('y', '<u2'), ...` and the bytes of a row. Two layouts are understood: a list
 /// of fields, in which bytes that carry nothing have an empty name.
 fn fields_of(descr: &str) -> Option<(Fields, usize)> {
+    // A field of several values has a third entry, its shape.
+    if descr.split("), (").any(|field| field.contains(", (")) {
+        return None;
+    }
     let words: Vec<&str> = descr.split('\'').skip(1).step_by(2).collect();
     let (mut width, mut found) = (0_usize, Vec::new());
     for pair in words.chunks_exact(2) {
         let &[name, kind] = pair else { continue };
-        let bytes: usize = kind.get(2..)?.parse().ok().filter(|bytes| *bytes <= 1 << 16)?;
+        let bytes: usize = kind.get(2..)?.parse().ok().filter(|bytes| *bytes <= MOST_ROW)?;
         found.push((name, width, Integer::of(kind)));
         width += bytes;
+    }
+    if width > MOST_ROW {
+        return None;
     }
     let field = |names: &[&str]| {
         let (_, at, integer) = found.iter().find(|(name, ..)| names.contains(name))?;

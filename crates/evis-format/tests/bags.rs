@@ -108,14 +108,11 @@ fn samples() -> Vec<ImuSample> {
 
 fn write_recording(path: &Path, cameras: Vec<CameraInfo>) -> Recording {
     let header = RecordingHeader {
-        cameras,
         seed: 7,
         method: "native".into(),
-        environment: 0,
-        config_toml: String::new(),
         duration_us: Some(111_000),
-        t_offset_us: 0,
         labels: LabelKind::ALL.to_vec(),
+        ..RecordingHeader::of(cameras)
     };
     let extras = RecordingExtras { imus: vec!["body".into()], ..RecordingExtras::default() };
     let mut writer = RecordingWriter::create_with_extras(path, &header, &extras, true).unwrap();

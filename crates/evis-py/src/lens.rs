@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use evis_core::ImuSample;
 use evis_render::{Imu, ImuConfig, ImuNoise};
-use evis_scene::{CalibratedLens, CalibrationFormat, Distortion, Rig, SceneError};
+use evis_scene::{CalibratedLens, CalibrationFormat, Distortion, LensModel, Rig, SceneError};
 use numpy::ndarray::Array2;
 use numpy::{IntoPyArray, PyArray1, PyArray2, PyReadonlyArray1, PyReadonlyArray2};
 use pyo3::prelude::*;

@@ -21,7 +21,7 @@ use crate::packet;
 /// Events of a file, with pixels per row and rows.
 #[pyfunction]
 pub(crate) fn read_events(py: Python<'_>, path: PathBuf) -> PyResult<(Bound<'_, PyAny>, u32, u32)> {
-    let file = py.detach_pure(|| evis_core::format::read_events(&path, None))?;
+    let file = py.detach_pure(|| evis_format::read_events(&path, None))?;
     Ok((events::into_numpy(py, file.events).into_any(), file.size.0, file.size.1))
 }
 

@@ -9,7 +9,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use evis_limits::nearest;
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DVec2, DVec3};
 
 use crate::builder::still;
 use crate::error::SceneError;
@@ -504,7 +504,7 @@ const SHAKE_HZ: [[f64; 2]; 3] = [[1.1, 1.7], [1.9, 2.7], [2.9, 3.9]];
 /// Turns and shifts by at most `amplitude_px` along each axis at the centre of the picture, for surfaces at `depth`, and half as
 /// much more in its corners, by turning about the view axis and moving along it.
 fn shake(pinhole: &Pinhole, amplitude_px: f64, depth: f64) -> Path {
-    let focal = pinhole.focal.max_element();
+    let focal = DVec2::from(pinhole.lens.focal).max_element();
     let half_diagonal = 0.5 * pinhole.size.length();
     let [turn, shift] = [0.5 * amplitude_px / focal, 0.5 * amplitude_px * depth / focal];
     let [roll, advance] = [0.25 * amplitude_px / half_diagonal, 0.25 * amplitude_px * depth / half_diagonal];

@@ -1,4 +1,5 @@
-//! Calibrated lenses: where a camera shows a point, and in which direction it sees a pixel.
+//! Lenses: where a camera shows a point, and in which direction it sees a pixel. [`LensModel`] is the one interface:
+//! rendering, labels, decoupled sampling's checks, the oracle and conversions project and unproject through it.
 //!
 //! Camera space is that of glTF: x right, y up, looking along -z. Pixels grow right and down from the top left corner,
 //! pixel centres at +0.5. The distortion models are OpenCV's, in its axes (x right, y down, z forward).
@@ -16,7 +17,76 @@ const ACCEPTED: f64 = 1e-10;
 /// Steps of Newton's method at most. It converges quadratically from the radial solution.
 const STEPS: usize = 50;
 
-/// A lens in pixels: pinhole, radial-tangential or fisheye.
+/// A lens in pixels: the way from points of camera space to places in the picture, and back.
+pub trait LensModel {
+    /// Where the camera shows `point` of its own frame, and how the pixel moves with the point's x, y and z: the three
+    /// columns of the Jacobian, in pixels per metre. `None` where it shows nothing: behind it, and where the model is not one
+    /// to one.
+    fn project_with_jacobian(&self, point: DVec3) -> Option<(DVec2, [DVec2; 3])>;
+
+    /// The direction, of length 1, in which the camera sees `pixel`; `None` where it sees nothing.
+    fn unproject(&self, pixel: DVec2) -> Option<DVec3>;
+
+    /// Where the camera shows `point` of its own frame; `None` where it shows nothing.
+    fn project(&self, point: DVec3) -> Option<DVec2> {
+        self.project_with_jacobian(point).map(|(pixel, _)| pixel)
+    }
+
+    /// The ray of `pixel` with planar depth 1, and how its x and y change per pixel to the right and per pixel down;
+    /// `None` where the camera sees nothing, or nothing before it.
+    fn planar_ray(&self, pixel: DVec2) -> Option<(DVec3, [DVec2; 2])> {
+        let seen = self.unproject(pixel)?;
+        if seen.z >= -1e-9 {
+            return None;
+        }
+        let ray = seen / -seen.z;
+        let (_, [dx, dy, _]) = self.project_with_jacobian(ray)?;
+        let inverse = DMat2::from_cols(dx, dy).inverse();
+        Some((ray, [inverse.x_axis, inverse.y_axis]))
+    }
+}
+
+/// A lens without distortion.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PinholeLens {
+    /// Focal lengths in pixels.
+    pub focal: [f64; 2],
+    /// Principal point in pixels, pixel centres at +0.5.
+    pub center: [f64; 2],
+}
+
+impl PinholeLens {
+    /// The ray of `pixel` with planar depth 1: (x, y, -1).
+    pub fn ray(&self, pixel: DVec2) -> DVec3 {
+        let slope = (pixel - DVec2::from(self.center)) / DVec2::from(self.focal);
+        DVec3::new(slope.x, -slope.y, -1.0)
+    }
+}
+
+impl LensModel for PinholeLens {
+    fn project_with_jacobian(&self, point: DVec3) -> Option<(DVec2, [DVec2; 3])> {
+        let pixel = self.project(point)?;
+        let [x, y] = self.focal.map(|focal| focal / -point.z);
+        let by_depth = (pixel - DVec2::from(self.center)) / -point.z;
+        Some((pixel, [DVec2::new(x, 0.0), DVec2::new(0.0, -y), by_depth]))
+    }
+
+    fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
+        Some(self.ray(pixel).normalize())
+    }
+
+    fn project(&self, point: DVec3) -> Option<DVec2> {
+        let across = DVec2::from(self.focal) * DVec2::new(point.x, -point.y);
+        (point.z < 0.0).then(|| DVec2::from(self.center) + across / -point.z)
+    }
+
+    fn planar_ray(&self, pixel: DVec2) -> Option<(DVec3, [DVec2; 2])> {
+        let [fx, fy] = self.focal;
+        Some((self.ray(pixel), [DVec2::X / fx, DVec2::NEG_Y / fy]))
+    }
+}
+
+/// A lens as calibration files and scenes have it: pinhole, radial-tangential or fisheye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CalibratedLens {
     /// Focal lengths in pixels.
@@ -57,66 +127,14 @@ impl CalibratedLens {
         self.largest_angle
     }
 
-    /// Where the camera shows `point` of its own frame; `None` behind it, and outside of the model's region.
-    pub fn project(&self, point: DVec3) -> Option<DVec2> {
-        self.project_with_jacobian(point).map(|(pixel, _)| pixel)
-    }
-
-    /// [`CalibratedLens::project`], and how the pixel moves with the point's x, y and z: the three columns of the
-    /// Jacobian, in pixels per metre.
-    pub fn project_with_jacobian(&self, point: DVec3) -> Option<(DVec2, [DVec2; 3])> {
-        // In OpenCV's axes: y down, z forward.
-        let p = DVec3::new(point.x, -point.y, -point.z);
-        let (image, [dx, dy, dz]) = match &self.distortion {
-            Some(Distortion::Fisheye { .. }) => self.fisheye(p)?,
-            _ => {
-                if p.z.is_nan() || p.z <= 0.0 {
-                    return None;
-                }
-                let normalised = p.truncate() / p.z;
-                let (image, by_normalised) = self.distort(normalised)?;
-                let (a, b) = (by_normalised.x_axis / p.z, by_normalised.y_axis / p.z);
-                (image, [a, b, -(a * normalised.x + b * normalised.y)])
-            }
-        };
-        let (focal, center) = (DVec2::from(self.focal), DVec2::from(self.center));
-        Some((center + focal * image, [focal * dx, -focal * dy, -focal * dz]))
-    }
-
-    /// The direction, of length 1, in which the camera sees `pixel`; `None` where it sees nothing.
-    pub fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
-        let image = (pixel - DVec2::from(self.center)) / DVec2::from(self.focal);
-        let seen = match &self.distortion {
-            Some(distortion @ Distortion::Fisheye { .. }) => {
-                let distorted = image.length();
-                let angle = distortion.inverse_radius(distorted, self.largest_angle)?;
-                let across = if distorted > 0.0 { image * (angle.sin() / distorted) } else { DVec2::ZERO };
-                DVec3::new(across.x, across.y, angle.cos())
-            }
-            _ => self.undistort(image)?.extend(1.0).normalize(),
-        };
-        Some(DVec3::new(seen.x, -seen.y, -seen.z))
-    }
-
-    /// The ray of `pixel` with planar depth 1, and how its x and y change per pixel to the right and per pixel down;
-    /// `None` where the camera sees nothing, or nothing before it.
-    pub fn planar_ray(&self, pixel: DVec2) -> Option<(DVec3, [DVec2; 2])> {
-        let seen = self.unproject(pixel)?;
-        if seen.z >= -1e-9 {
-            return None;
-        }
-        let ray = seen / -seen.z;
-        let (_, [dx, dy, _]) = self.project_with_jacobian(ray)?;
-        let inverse = DMat2::from_cols(dx, dy).inverse();
-        Some((ray, [inverse.x_axis, inverse.y_axis]))
+    /// The same focal lengths and principal point without distortion.
+    pub const fn pinhole(&self) -> PinholeLens {
+        PinholeLens { focal: self.focal, center: self.center }
     }
 
     /// Distorted image coordinates of normalised ones, and the Jacobian.
-    fn distort(&self, n: DVec2) -> Option<(DVec2, DMat2)> {
-        let Some(Distortion::RadialTangential { tangential: [p1, p2], .. }) = self.distortion else {
-            return Some((n, DMat2::IDENTITY));
-        };
-        let (image, jacobian) = self.distort_anywhere(n, [p1, p2]);
+    fn distort(&self, n: DVec2, tangential: [f64; 2]) -> Option<(DVec2, DMat2)> {
+        let (image, jacobian) = self.distort_anywhere(n, tangential);
         let inside = n.length() < self.largest_radius() && jacobian.determinant() > 0.0;
         inside.then_some((image, jacobian))
     }
@@ -139,10 +157,8 @@ impl CalibratedLens {
     }
 
     /// Normalised image coordinates of distorted ones.
-    fn undistort(&self, image: DVec2) -> Option<DVec2> {
-        let Some(distortion @ Distortion::RadialTangential { tangential, .. }) = self.distortion else {
-            return Some(image);
-        };
+    fn undistort(&self, image: DVec2, tangential: [f64; 2]) -> Option<DVec2> {
+        let distortion = self.distortion.as_ref()?;
         let distorted = image.length();
         let largest = self.largest_radius();
         // Tangential terms are small: the radial solution, or the last one there is, is a good start.
@@ -160,7 +176,7 @@ impl CalibratedLens {
                 break;
             }
         }
-        let (at, _) = self.distort(n)?;
+        let (at, _) = self.distort(n, tangential)?;
         ((at - image).length() <= ACCEPTED * (1.0 + distorted)).then_some(n)
     }
 
@@ -193,6 +209,45 @@ impl CalibratedLens {
     }
 }
 
+impl LensModel for CalibratedLens {
+    fn project_with_jacobian(&self, point: DVec3) -> Option<(DVec2, [DVec2; 3])> {
+        // In OpenCV's axes: y down, z forward.
+        let p = DVec3::new(point.x, -point.y, -point.z);
+        let (image, [dx, dy, dz]) = match self.distortion {
+            None => return self.pinhole().project_with_jacobian(point),
+            Some(Distortion::Fisheye { .. }) => self.fisheye(p)?,
+            Some(Distortion::RadialTangential { tangential, .. }) => {
+                if p.z.is_nan() || p.z <= 0.0 {
+                    return None;
+                }
+                let normalised = p.truncate() / p.z;
+                let (image, by_normalised) = self.distort(normalised, tangential)?;
+                let (a, b) = (by_normalised.x_axis / p.z, by_normalised.y_axis / p.z);
+                (image, [a, b, -(a * normalised.x + b * normalised.y)])
+            }
+        };
+        let (focal, center) = (DVec2::from(self.focal), DVec2::from(self.center));
+        Some((center + focal * image, [focal * dx, -focal * dy, -focal * dz]))
+    }
+
+    fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
+        let image = (pixel - DVec2::from(self.center)) / DVec2::from(self.focal);
+        let seen = match self.distortion {
+            None => return self.pinhole().unproject(pixel),
+            Some(distortion @ Distortion::Fisheye { .. }) => {
+                let distorted = image.length();
+                let angle = distortion.inverse_radius(distorted, self.largest_angle)?;
+                let across = if distorted > 0.0 { image * (angle.sin() / distorted) } else { DVec2::ZERO };
+                DVec3::new(across.x, across.y, angle.cos())
+            }
+            Some(Distortion::RadialTangential { tangential, .. }) => {
+                self.undistort(image, tangential)?.extend(1.0).normalize()
+            }
+        };
+        Some(DVec3::new(seen.x, -seen.y, -seen.z))
+    }
+}
+
 impl Camera {
     /// Width and height in pixels: `size`, the camera's own, or its aspect (4:3 where it has none) at 480 rows.
     pub fn pixels(&self, size: Option<(u32, u32)>) -> (u32, u32) {
@@ -202,8 +257,14 @@ impl Camera {
         })
     }
 
-    /// Focal lengths and principal point in pixels of a picture of `width` by `height`, pixel centres at +0.5: intrinsics
-    /// belong to the camera's own size, and another size sees the same field.
+    /// The lens, without a distortion that it may have, in a picture of `width` by `height` pixels: intrinsics belong to
+    /// the camera's own size, and another size sees the same field.
+    pub fn pinhole(&self, size: (u32, u32)) -> PinholeLens {
+        let (focal, center) = self.intrinsics(size);
+        PinholeLens { focal, center }
+    }
+
+    /// Focal lengths and principal point of [`Camera::pinhole`], in pixels.
     pub fn intrinsics(&self, (width, height): (u32, u32)) -> ([f64; 2], [f64; 2]) {
         let size = DVec2::new(width.into(), height.into());
         let (focal, center) = match self.lens {

@@ -1,4 +1,4 @@
-//! The state of a scene at one time, and the trait through which poses reach the engine.
+//! The state of a scene at one time: its own motion, and what a host said ([`crate::HostPoses`]).
 
 use std::sync::Arc;
 
@@ -24,29 +24,6 @@ pub struct SceneState {
     pub emission_factor: Vec<f32>,
     /// Per material: what textures multiply.
     pub factors: Vec<MaterialFactors>,
-}
-
-/// Poses over time: a scene's own motion, or poses fed by a host.
-pub trait PoseSource: Send + Sync {
-    /// Writes the state at `time_s` seconds into `state`, reusing its memory.
-    fn evaluate(&self, scene: &Scene, time_s: f64, state: &mut SceneState);
-}
-
-/// The scene's own motion, unchanged.
-#[derive(Clone, Copy, Debug, Default)]
-pub struct SceneMotion;
-
-impl PoseSource for SceneMotion {
-    fn evaluate(&self, scene: &Scene, time_s: f64, state: &mut SceneState) {
-        scene.evaluate(time_s, state);
-    }
-}
-
-/// A variant is a source too: the scene's own motion with the variant's clock and offsets.
-impl PoseSource for Variant {
-    fn evaluate(&self, scene: &Scene, time_s: f64, state: &mut SceneState) {
-        scene.evaluate_variant(Some(self), time_s, state);
-    }
 }
 
 impl Scene {

@@ -3,6 +3,7 @@
 use glam::{DMat4, DVec2, DVec3};
 
 use crate::framing::deformed;
+use crate::lens::{LensModel, PinholeLens};
 use crate::model::{Camera, Scene};
 use crate::pose::SceneState;
 
@@ -13,15 +14,13 @@ const ROWS: usize = 48;
 /// Half of the step, in seconds, over which image speeds are taken.
 const HALF_STEP_S: f64 = 1e-5;
 
-/// A pinhole in pixels; cameras look along -Z.
+/// The picture of a pinhole; cameras look along -Z.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Pinhole {
     /// Width and height in pixels.
     pub size: DVec2,
-    /// Focal lengths in pixels.
-    pub focal: DVec2,
-    /// Principal point in pixels from the top-left corner.
-    pub center: DVec2,
+    /// Its lens.
+    pub lens: PinholeLens,
     /// Near plane in metres.
     pub near: f64,
 }
@@ -29,20 +28,18 @@ pub(crate) struct Pinhole {
 impl Pinhole {
     pub fn new(camera: &Camera, size: Option<(u32, u32)>) -> Self {
         let (width, height) = camera.pixels(size);
-        let (focal, center) = camera.intrinsics((width, height));
         let size = DVec2::new(width.into(), height.into());
-        Self { size, focal: focal.into(), center: center.into(), near: camera.near }
+        Self { size, lens: camera.pinhole((width, height)), near: camera.near }
     }
 
     /// Where the camera shows a point of its own frame; `None` behind its near plane.
     pub fn project(&self, p: DVec3) -> Option<DVec2> {
-        (-p.z >= self.near).then(|| self.center + self.focal * DVec2::new(p.x, -p.y) / -p.z)
+        self.lens.project(p).filter(|_| -p.z >= self.near)
     }
 
     /// Direction, with z = -1, in which the camera sees `pixel`.
     pub fn ray(&self, pixel: DVec2) -> DVec3 {
-        let slope = (pixel - self.center) / self.focal;
-        DVec3::new(slope.x, -slope.y, -1.0)
+        self.lens.ray(pixel)
     }
 
     /// Whether `pixel` lies in the picture.

@@ -4,7 +4,7 @@
 
 use std::f64::consts::FRAC_PI_2;
 
-use evis_scene::{CalibratedLens, Distortion};
+use evis_scene::{CalibratedLens, Distortion, LensModel, PinholeLens};
 use glam::{DVec2, DVec3};
 
 const FOCAL: [f64; 2] = [310.0, 305.5];
@@ -51,6 +51,40 @@ fn projections_equal_opencvs_formulas() {
     let expected = DVec2::new(FOCAL[0] * x * td / r + CENTER[0], FOCAL[1] * y * td / r + CENTER[1]);
     assert!(close(lenses()[4].project(point).unwrap(), expected));
     assert!(!close(lenses()[5].project(point).unwrap(), expected), "canary");
+}
+
+#[test]
+fn a_pinhole_projects_by_its_intrinsics() {
+    let pinhole = PinholeLens { focal: FOCAL, center: CENTER };
+    let point = DVec3::new(0.3, -0.2, -2.5);
+    let expected = DVec2::new(CENTER[0] + FOCAL[0] * 0.3 / 2.5, CENTER[1] + FOCAL[1] * 0.2 / 2.5);
+    assert!((pinhole.project(point).unwrap() - expected).length() < 1e-12);
+    assert_eq!(pinhole.project(-point), None, "behind");
+    assert_eq!(pinhole.project(point.with_z(f64::NAN)), None);
+    // What it computes in closed form is what the general way gives.
+    let general = General(pinhole);
+    for pixel in pixels() {
+        let (own, other) = (pinhole.planar_ray(pixel).unwrap(), general.planar_ray(pixel).unwrap());
+        assert!((own.0 - other.0).length() < 1e-12);
+        assert!(own.1.iter().zip(other.1).all(|(a, b)| (*a - b).length() < 1e-15), "{own:?} {other:?}");
+        assert_eq!(pinhole.project(own.0), general.project(own.0));
+    }
+    let wider = General(PinholeLens { focal: [FOCAL[0] * 0.99, FOCAL[1]], center: CENTER });
+    let at = |lens: &dyn LensModel| lens.planar_ray(DVec2::ZERO).unwrap().0;
+    assert!((at(&pinhole) - at(&wider)).length() > 1e-3, "canary");
+}
+
+/// A pinhole by what every lens has.
+struct General(PinholeLens);
+
+impl LensModel for General {
+    fn project_with_jacobian(&self, point: DVec3) -> Option<(DVec2, [DVec2; 3])> {
+        self.0.project_with_jacobian(point)
+    }
+
+    fn unproject(&self, pixel: DVec2) -> Option<DVec3> {
+        self.0.unproject(pixel)
+    }
 }
 
 #[test]

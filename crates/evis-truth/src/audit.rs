@@ -1,10 +1,10 @@
-//! How many events the walk's steps may have jumped over: a random part of the steps in which nothing fired is looked at
+//! How many events the walk's steps may have jumped over: a random part of the steps in which nothing fired is sampled
 //! densely, and what is found there bounds what is missed elsewhere.
 
 use evis_core::Truth;
 use serde::{Deserialize, Serialize};
 
-/// A step is looked at this many times as finely.
+/// A step is sampled this many times as finely.
 pub const FINER: u32 = 16;
 /// The bounds hold with this probability.
 const CONFIDENCE: f64 = 0.95;
@@ -14,7 +14,7 @@ const CONFIDENCE: f64 = 0.95;
 pub struct Audit {
     /// Steps in which nothing fired, over all pixels that are not known to be still.
     pub intervals: u64,
-    /// How many of them, chosen at random, were looked at densely.
+    /// How many of them, chosen at random, were sampled densely.
     pub audited: u64,
     /// How many of these hide an excursion past a threshold: at least a pair of events.
     pub missed: u64,
@@ -40,7 +40,7 @@ impl Audit {
         }
     }
 
-    /// The audit that `truth` tells of; `None` where it was made otherwise.
+    /// The audit that `truth` holds; `None` where it was made otherwise.
     pub fn of(truth: &Truth) -> Option<Self> {
         let provenance: serde_json::Value = serde_json::from_str(&truth.provenance).ok()?;
         serde_json::from_value(provenance.get("audit")?.clone()).ok()

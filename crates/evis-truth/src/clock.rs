@@ -2,7 +2,9 @@
 
 use std::sync::{Arc, OnceLock};
 
-use evis_scene::{CalibratedLens, Motion, Scene, SceneError, SceneState, rigid, rigid_or_unrotated};
+use evis_scene::{
+    CalibratedLens, LensModel, Motion, Scene, SceneError, SceneState, rigid, rigid_or_unrotated,
+};
 use glam::DVec3;
 
 use crate::rays::{
@@ -25,7 +27,7 @@ pub struct Clock<'a> {
     pinhole: Pinhole,
     lens: Option<CalibratedLens>,
     start_us: i64,
-    /// Times that every pixel looks at, in order, each prepared when it is first asked for.
+    /// Times at which every pixel is sampled, in order, each prepared when it is first needed.
     shared: Vec<(i64, OnceLock<Arc<Moment<'a>>>)>,
 }
 
@@ -106,7 +108,7 @@ impl<'a> Clock<'a> {
     }
 
     /// Whether the camera, every light and every material stay as they are at the start.
-    pub fn rests_but_for_objects(&self) -> bool {
+    pub fn only_objects_change(&self) -> bool {
         let node = self.scene.cameras[self.camera].node;
         !self.moves[node]
             && !self.lights_move()

@@ -283,7 +283,7 @@ impl<'a> Stillness<'a> {
 
     /// `None` where the whole picture may change.
     fn new(clock: &Clock<'a>, duration_us: i64) -> Option<Self> {
-        if !clock.rests_but_for_objects() {
+        if !clock.only_objects_change() {
             return None;
         }
         let mut boxes: Vec<(glam::DVec3, glam::DVec3)> = Vec::new();

@@ -1,4 +1,4 @@
-//! How often each pixel is looked at: often enough for the fastest thing that can come through it meanwhile.
+//! How often each pixel is sampled: often enough for the fastest thing that can come through it meanwhile.
 
 use std::sync::{Arc, OnceLock};
 
@@ -75,7 +75,7 @@ pub struct Schedule<'c, 'a> {
     duration_us: i64,
     /// Times at both sides of which motion or light bends or jumps.
     breaks_us: Vec<i64>,
-    /// `None`: all pixels are looked at equally often.
+    /// `None`: all pixels are sampled equally often.
     local: Option<Local<'a>>,
 }
 
@@ -119,7 +119,7 @@ impl<'c, 'a> Schedule<'c, 'a> {
         Self { local, ..Self::even(clock, shortest_us, duration_us) }
     }
 
-    /// When pixel (x, y) is looked at, from 0 to the end.
+    /// When pixel (x, y) is sampled, from 0 to the end.
     pub fn times(&self, x: u16, y: u16) -> Vec<i64> {
         let mut times = vec![0];
         let mut fill = |step_us: i64, until_us: i64| {

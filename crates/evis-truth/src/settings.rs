@@ -51,7 +51,7 @@ pub struct TruthSettings {
     /// Time between two samples of a pixel, in microseconds, before any crossing is looked for; `None` takes, for each
     /// pixel and time, what the fastest thing near it needs to move by a quarter of a pixel: 64 to 1024.
     pub step_us: Option<i64>,
-    /// Part of the steps in which nothing fired that are looked at again, 16 times as finely; see [`crate::Audit`].
+    /// Part of the steps in which nothing fired that are sampled again, 16 times as finely; see [`crate::Audit`].
     pub audit_share: f64,
     /// Error of an event's time to aim at, in microseconds; the samples are refined until their estimated error is below
     /// it, or no more are left. `None` takes 0.15 of the strictest tolerance: 100, or the time to move by 0.01 px, at

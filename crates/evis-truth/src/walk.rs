@@ -1,4 +1,4 @@
-//! One pixel over time: looks at regular steps, finer ones where the signal bends near a threshold, and the roots of
+//! One pixel over time: samples at regular steps, finer ones where the signal bends near a threshold, and the roots of
 //! `log light - threshold` where it crosses.
 
 use evis_core::trigger::{PixelState, decide, fire_time_us};
@@ -74,7 +74,7 @@ pub struct Fired {
 
 /// `log(Y / Y_ref + eps)` at a time.
 #[derive(Clone, Copy, Debug)]
-struct Look {
+struct LogSample {
     t_us: f64,
     log: f64,
     /// Estimated standard error of `log`.
@@ -88,7 +88,7 @@ pub struct Rules {
     pub sensor: SensorConfig,
     /// `Y_ref`.
     pub reference_luminance: f64,
-    /// Part of the quiet steps that are looked at again, densely.
+    /// Part of the quiet steps that are sampled again, densely.
     pub audit_share: f64,
     /// Length in microseconds.
     pub duration_us: i64,
@@ -100,19 +100,19 @@ pub struct Rules {
 pub fn walk(clock: &Clock, sampler: &Sampler, rules: &Rules, times: &[i64], x: u16, y: u16) -> PixelTruth {
     let mut walker = Walker::new(clock, sampler, rules, x, y);
     walker.reference = walker.fine(0.0, 0.0).log;
-    // Looks before, at both ends of, and after the interval in work.
+    // Samples before, at both ends of, and after the interval in work.
     let mut a = walker.coarse(0.0);
-    let mut before: Option<Look> = None;
+    let mut before: Option<LogSample> = None;
     let mut b = times.get(1).map(|t| walker.coarse(*t as f64));
     for k in 1..times.len() {
         let Some(end) = b else { break };
         let after = times.get(k + 1).map(|t| walker.coarse(*t as f64));
-        let bend = |p: Option<Look>, q: Look, r: Option<Look>| match (p, r) {
+        let bend = |p: Option<LogSample>, q: LogSample, r: Option<LogSample>| match (p, r) {
             (Some(p), Some(r)) => second_difference(p, q, r),
             _ => 0.0,
         };
         // A jump is no bend, and says nothing of the steps beside it.
-        let smooth = |p: Look, q: Look| q.t_us - p.t_us > JUMP_US;
+        let smooth = |p: LogSample, q: LogSample| q.t_us - p.t_us > JUMP_US;
         let bend = if smooth(a, end) {
             let (before, after) = (before.filter(|p| smooth(*p, a)), after.filter(|r| smooth(end, *r)));
             bend(before, a, Some(end)).max(bend(Some(a), end, after))
@@ -175,7 +175,7 @@ pub fn sample(
 
 /// How far the middle of three looks is from the line through the others, times the ratio that makes it the second
 /// difference where they are evenly spaced.
-fn second_difference(p: Look, q: Look, r: Look) -> f64 {
+fn second_difference(p: LogSample, q: LogSample, r: LogSample) -> f64 {
     let line = p.log + (r.log - p.log) * (q.t_us - p.t_us) / (r.t_us - p.t_us);
     2.0 * (q.log - line).abs()
 }
@@ -201,20 +201,20 @@ impl<'a, 's> Walker<'a, 's> {
         walker
     }
 
-    fn look(&self, t_us: f64, reading: Reading) -> Look {
+    fn look(&self, t_us: f64, reading: Reading) -> LogSample {
         let relative = reading.luminance / self.rules.reference_luminance;
         let eps = f64::from(self.rules.sensor.log_eps);
         // d ln(Y + eps) = dY / (Y + eps).
         let error = reading.error * relative / (relative + eps);
-        Look { t_us, log: (relative + eps).ln(), error }
+        LogSample { t_us, log: (relative + eps).ln(), error }
     }
 
-    fn coarse(&mut self, t_us: f64) -> Look {
+    fn coarse(&mut self, t_us: f64) -> LogSample {
         self.truth.readings += 1;
         self.look(t_us, self.sampler.coarse(&self.clock.at(t_us), self.x, self.y))
     }
 
-    fn fine(&mut self, t_us: f64, wanted: f64) -> Look {
+    fn fine(&mut self, t_us: f64, wanted: f64) -> LogSample {
         self.truth.readings += 1;
         self.look(t_us, self.sampler.fine(&self.clock.at(t_us), self.x, self.y, wanted))
     }
@@ -244,15 +244,15 @@ impl<'a, 's> Walker<'a, 's> {
         }
     }
 
-    /// Looks for what a step in which nothing fired may hide, if it is chosen.
-    fn audit(&mut self, a: Look, b: Look) {
+    /// Searches for what a step in which nothing fired may hide, if it is chosen.
+    fn audit(&mut self, a: LogSample, b: LogSample) {
         self.truth.audit.intervals += 1;
         if !chosen(self.x, self.y, a.t_us as i64, self.rules.audit_share) {
             return;
         }
         self.truth.audit.audited += 1;
         let beyond =
-            |look: Look, sure: f64| look.log >= self.upper() + sure || look.log <= self.lower() - sure;
+            |look: LogSample, sure: f64| look.log >= self.upper() + sure || look.log <= self.lower() - sure;
         let looks = (1..FINER).map(|k| a.t_us + (b.t_us - a.t_us) * f64::from(k) / f64::from(FINER));
         let missed = looks.into_iter().any(|t| {
             // What rounding alone takes past a threshold is no event that anybody misses.
@@ -278,7 +278,7 @@ impl<'a, 's> Walker<'a, 's> {
     }
 
     /// Everything that fires in (a, b]; returns `b`, known better where that was needed.
-    fn advance(&mut self, a: Look, b: Look, bend: f64, depth: u32) -> Look {
+    fn advance(&mut self, a: LogSample, b: LogSample, bend: f64, depth: u32) -> LogSample {
         // What the samples' own error could bend is no excursion, where more than a parabola is guarded against.
         let sure_bend = (bend - 2.0 * a.error.max(b.error)).max(0.0);
         let reach = (EXCURSION * sure_bend).max(PARABOLA * bend);
@@ -297,19 +297,19 @@ impl<'a, 's> Walker<'a, 's> {
     }
 
     /// Everything that fires between two samples of a monotone piece.
-    fn fire(&mut self, a: Look, mut b: Look) -> Look {
+    fn fire(&mut self, a: LogSample, mut b: LogSample) -> LogSample {
         let mut start = a;
         loop {
             let (upper, lower) = (self.upper(), self.lower());
-            let distance = |look: Look| (look.log - upper).abs().min((look.log - lower).abs());
-            let undecided = |look: Look| distance(look) < DECIDED * look.error;
+            let distance = |look: LogSample| (look.log - upper).abs().min((look.log - lower).abs());
+            let undecided = |look: LogSample| distance(look) < DECIDED * look.error;
             if undecided(b) {
                 let mut sure = self.fine(b.t_us, distance(b) / DECIDED);
                 if undecided(sure) {
                     // With all the samples that there are.
                     sure = self.fine(b.t_us, 0.0);
                 }
-                b = Look { error: 0.0, ..sure };
+                b = LogSample { error: 0.0, ..sure };
             }
             let (polarity, level) = if b.log >= upper {
                 (Polarity::On, upper)
@@ -321,7 +321,7 @@ impl<'a, 's> Walker<'a, 's> {
             let sign = if polarity == Polarity::On { 1.0 } else { -1.0 };
             let Some((fired, at)) = self.crossing(start, b, level, sign) else {
                 // Only the coarse signal was there.
-                b = Look { error: 0.0, log: b.log.clamp(lower.next_up(), upper.next_down()), ..b };
+                b = LogSample { error: 0.0, log: b.log.clamp(lower.next_up(), upper.next_down()), ..b };
                 return b;
             };
             if fired.t_us < self.rules.duration_us as f64 {
@@ -333,7 +333,7 @@ impl<'a, 's> Walker<'a, 's> {
     }
 
     /// When the signal crosses `level` between `a` and `b`, upwards for `sign` 1.
-    fn crossing(&mut self, a: Look, b: Look, level: f64, sign: f64) -> Option<(Fired, Look)> {
+    fn crossing(&mut self, a: LogSample, b: LogSample, level: f64, sign: f64) -> Option<(Fired, LogSample)> {
         // Coarse: until the bracket is as narrow as the coarse signal is sure.
         let rough = Bracket::new(a, b, level, sign).narrow(|t| self.coarse(t), |look| DECIDED * look.error);
         // The last event may lie just after the step's end, where the fine signal crossed.
@@ -356,7 +356,7 @@ impl<'a, 's> Walker<'a, 's> {
             speed: speed as f32,
             region,
         };
-        Some((fired, Look { t_us, log: level, error: 0.0 }))
+        Some((fired, LogSample { t_us, log: level, error: 0.0 }))
     }
 
     /// The zero near `guess`, from fine looks: first a bracket around it, at first `width` wide, then its narrowing.
@@ -365,7 +365,7 @@ impl<'a, 's> Walker<'a, 's> {
     #[expect(clippy::too_many_arguments, reason = "a bracket in a bracket")]
     fn refine(
         &mut self,
-        [a, b]: [Look; 2],
+        [a, b]: [LogSample; 2],
         [from, to]: [f64; 2],
         guess: f64,
         width: f64,
@@ -373,10 +373,10 @@ impl<'a, 's> Walker<'a, 's> {
         sign: f64,
         wanted: f64,
     ) -> Option<f64> {
-        let height = |look: Look| (look.log - level) * sign;
-        // Looks without error were decided as finely as can be: asked again less finely they might say otherwise. Not so
+        let height = |look: LogSample| (look.log - level) * sign;
+        // Samples without error were decided as finely as can be: asked again less finely they might say otherwise. Not so
         // the last event, where the search must end: of several at a jump, all are at its time.
-        let known = |end: Look| (end.error == 0.0).then_some(end);
+        let known = |end: LogSample| (end.error == 0.0).then_some(end);
         let first = self.fine(guess.clamp(from, to), wanted);
         let (mut low, mut high) = (first, first);
         let mut width = width;
@@ -407,8 +407,8 @@ impl<'a, 's> Walker<'a, 's> {
 
 /// Two looks, below and at or above a level.
 struct Bracket {
-    low: Look,
-    high: Look,
+    low: LogSample,
+    high: LogSample,
     level: f64,
     sign: f64,
     /// Heights of the two, as the next guess weighs them.
@@ -416,13 +416,13 @@ struct Bracket {
 }
 
 impl Bracket {
-    fn new(low: Look, high: Look, level: f64, sign: f64) -> Self {
+    fn new(low: LogSample, high: LogSample, level: f64, sign: f64) -> Self {
         let mut bracket = Self { low, high, level, sign, weights: [0.0; 2] };
         bracket.weights = [bracket.height(low).min(0.0), bracket.height(high).max(0.0)];
         bracket
     }
 
-    fn height(&self, look: Look) -> f64 {
+    fn height(&self, look: LogSample) -> f64 {
         (look.log - self.level) * self.sign
     }
 
@@ -436,7 +436,7 @@ impl Bracket {
     /// Samples between the two until they are [`TIME_STEP_US`] apart, or a sample is closer to the level than `sure` of it
     /// or than the bracket's slope moves in a fifth of that time. Illinois' rule (M. Dowell and P. Jarratt, 1971): an
     /// end that stays is weighed half; a bracket that does not shrink is halved.
-    fn narrow(mut self, mut look: impl FnMut(f64) -> Look, sure: impl Fn(Look) -> f64) -> Self {
+    fn narrow(mut self, mut look: impl FnMut(f64) -> LogSample, sure: impl Fn(LogSample) -> f64) -> Self {
         let mut last = 0.0_f64;
         for round in 0..60 {
             let width = self.high.t_us - self.low.t_us;

@@ -373,17 +373,7 @@ fn header(stream: &VideoStream, duration_us: Option<i64>) -> Result<RecordingHea
     let config_toml = toml::to_string(&stored)
         .map_err(|error| ConfigError::new("settings", error, "representable as TOML"))?;
     // The lens of a film is not known.
-    let unknown = f64::NAN;
-    let camera = CameraInfo {
-        name: config.camera.clone(),
-        width,
-        height,
-        fx: unknown,
-        fy: unknown,
-        cx: unknown,
-        cy: unknown,
-        distortion: None,
-    };
+    let camera = CameraInfo::uncalibrated(config.camera.clone(), (width, height));
     Ok(RecordingHeader {
         cameras: vec![camera],
         seed: config.seed,

@@ -39,7 +39,7 @@ pub(crate) struct Film {
     about: About,
     child: Child,
     pixels: BufReader<ChildStdout>,
-    told: Receiver<Told>,
+    messages: Receiver<Message>,
     time_base: Option<(i64, i64)>,
     size: Option<(u32, u32)>,
     /// Frames that were read.
@@ -50,7 +50,7 @@ pub(crate) struct Film {
 
 /// A line of ffmpeg's messages.
 #[derive(Debug)]
-enum Told {
+enum Message {
     TimeBase(i64, i64),
     Frame { pts: Option<i64>, size: (u32, u32) },
     Trouble(String),
@@ -95,7 +95,7 @@ impl Film {
 
     fn start(program: &OsString, path: &Path, about: About) -> Result<Self, VideoError> {
         // Before 5.1 the option had another name, which later versions are to drop.
-        let spawn = |pass: [&str; 2]| -> Result<(Child, Receiver<Told>), VideoError> {
+        let spawn = |pass: [&str; 2]| -> Result<(Child, Receiver<Message>), VideoError> {
             let format = if about.deep { "rgb48le" } else { "rgb24" };
             let mut child = command(program, path)
                 .args(["-map", "0:v:0", "-an", "-sn", "-dn", "-vf"])
@@ -106,21 +106,21 @@ impl Film {
                 .stdout(Stdio::piped())
                 .spawn()
                 .map_err(|error| missing(program, &error))?;
-            let (send, told) = channel();
+            let (send, messages) = channel();
             if let Some(stderr) = child.stderr.take() {
                 std::thread::spawn(move || listen(BufReader::new(stderr), &send));
             }
-            Ok((child, told))
+            Ok((child, messages))
         };
-        let (mut child, mut told) = spawn(["-fps_mode", "passthrough"])?;
-        let first = told.recv().ok();
-        if let Some(Told::Trouble(message)) = &first
+        let (mut child, mut messages) = spawn(["-fps_mode", "passthrough"])?;
+        let first = messages.recv().ok();
+        if let Some(Message::Trouble(message)) = &first
             && message.contains("fps_mode")
         {
             let _ = child.wait();
-            (child, told) = spawn(["-vsync", "passthrough"])?;
+            (child, messages) = spawn(["-vsync", "passthrough"])?;
         } else if let Some(first) = first {
-            told = again(first, told);
+            messages = again(first, messages);
         }
         let Some(stdout) = child.stdout.take() else {
             let what = "ffmpeg has no output";
@@ -131,7 +131,7 @@ impl Film {
             about,
             child,
             pixels: BufReader::with_capacity(1 << 20, stdout),
-            told,
+            messages,
             time_base: None,
             size: None,
             read: 0,
@@ -152,10 +152,12 @@ impl Film {
     /// The next frame, and its time in microseconds where the film has one.
     pub fn next(&mut self) -> Result<Option<(Option<i64>, Picture)>, VideoError> {
         let (pts, size) = loop {
-            match self.told.recv() {
-                Ok(Told::TimeBase(numerator, denominator)) => self.time_base = Some((numerator, denominator)),
-                Ok(Told::Trouble(message)) => self.complain(message),
-                Ok(Told::Frame { pts, size }) => break (pts, size),
+            match self.messages.recv() {
+                Ok(Message::TimeBase(numerator, denominator)) => {
+                    self.time_base = Some((numerator, denominator))
+                }
+                Ok(Message::Trouble(message)) => self.complain(message),
+                Ok(Message::Frame { pts, size }) => break (pts, size),
                 Err(_) => return self.end().map(|()| None),
             }
         };
@@ -190,9 +192,9 @@ impl Film {
 
     /// After the last frame: whether it really was.
     fn end(&mut self) -> Result<(), VideoError> {
-        while let Ok(told) = self.told.recv() {
-            if let Told::Trouble(message) = told {
-                self.complain(message);
+        while let Ok(message) = self.messages.recv() {
+            if let Message::Trouble(text) = message {
+                self.complain(text);
             }
         }
         let status = self.child.wait().map_err(|error| FormatError::io(&self.path, "read", error))?;
@@ -230,8 +232,8 @@ fn micros(pts: i64, (numerator, denominator): (i64, i64)) -> Option<i64> {
 }
 
 /// Puts `first` before what `rest` brings.
-fn again(first: Told, rest: Receiver<Told>) -> Receiver<Told> {
-    let (send, told) = channel();
+fn again(first: Message, rest: Receiver<Message>) -> Receiver<Message> {
+    let (send, messages) = channel();
     std::thread::spawn(move || {
         if send.send(first).is_ok() {
             while let Ok(next) = rest.recv() {
@@ -241,7 +243,7 @@ fn again(first: Told, rest: Receiver<Told>) -> Receiver<Told> {
             }
         }
     });
-    told
+    messages
 }
 
 /// Asks ffmpeg about the film: it tells, and complains that it has nothing to do.
@@ -293,31 +295,31 @@ fn plain(line: &str) -> &str {
     tail("[error] ").or_else(|| tail("[fatal] ")).unwrap_or(line).trim()
 }
 
-fn listen(stderr: impl BufRead, send: &Sender<Told>) {
+fn listen(stderr: impl BufRead, send: &Sender<Message>) {
     for line in stderr.split(b'\n') {
         let Ok(line) = line else { return };
         let line = String::from_utf8_lossy(&line);
-        let Some(told) = understand(&line) else { continue };
+        let Some(message) = understand(&line) else { continue };
         // The listener must go on even where nobody cares: a full pipe would stop ffmpeg.
-        let _ = send.send(told);
+        let _ = send.send(message);
     }
 }
 
-fn understand(line: &str) -> Option<Told> {
+fn understand(line: &str) -> Option<Message> {
     if line.contains("showinfo") {
         if let Some((_, base)) = line.split_once("config in time_base: ") {
             let (numerator, denominator) = base.split(',').next()?.split_once('/')?;
             let base: (i64, i64) = (numerator.trim().parse().ok()?, denominator.trim().parse().ok()?);
-            return (base.0 > 0 && base.1 > 0).then_some(Told::TimeBase(base.0, base.1));
+            return (base.0 > 0 && base.1 > 0).then_some(Message::TimeBase(base.0, base.1));
         }
         let (_, rest) = line.split_once(" pts:")?;
         let pts = rest.split_whitespace().next()?.parse().ok();
         let (_, rest) = line.split_once(" s:")?;
         let (width, height) = rest.split_whitespace().next()?.split_once('x')?;
-        return Some(Told::Frame { pts, size: (width.parse().ok()?, height.parse().ok()?) });
+        return Some(Message::Frame { pts, size: (width.parse().ok()?, height.parse().ok()?) });
     }
     let trouble = line.contains("[error]") || line.contains("[fatal]");
-    trouble.then(|| Told::Trouble(plain(line).to_owned()))
+    trouble.then(|| Message::Trouble(plain(line).to_owned()))
 }
 
 #[cfg(test)]
@@ -328,16 +330,16 @@ mod tests {
     fn messages_are_understood() {
         let frame = "[Parsed_showinfo_0 @ 0x55] [info] n:  10 pts:  45045 pts_time:1.5015  pos: 1 fmt:yuv420p sar:1/1 \
                      s:64x48 i:P iskey:0 type:B";
-        assert!(matches!(understand(frame), Some(Told::Frame { pts: Some(45_045), size: (64, 48) })));
+        assert!(matches!(understand(frame), Some(Message::Frame { pts: Some(45_045), size: (64, 48) })));
         let none = "[Parsed_showinfo_0 @ 0x55] n: 0 pts: NOPTS pts_time:NOPTS fmt:gray sar:0/1 s:8x4 i:P";
-        assert!(matches!(understand(none), Some(Told::Frame { pts: None, size: (8, 4) })));
+        assert!(matches!(understand(none), Some(Message::Frame { pts: None, size: (8, 4) })));
         let base = "[Parsed_showinfo_0 @ 0x55] [info] config in time_base: 1001/30000, frame_rate: 30/1";
-        assert!(matches!(understand(base), Some(Told::TimeBase(1001, 30_000))));
+        assert!(matches!(understand(base), Some(Message::TimeBase(1001, 30_000))));
         let out = "[Parsed_showinfo_0 @ 0x55] [info] config out time_base: 0/0, frame_rate: 0/0";
         assert!(understand(out).is_none());
         let error = "[h264 @ 0x55] [error] error while decoding MB 3 4";
         assert!(
-            matches!(understand(error), Some(Told::Trouble(text)) if text == "error while decoding MB 3 4")
+            matches!(understand(error), Some(Message::Trouble(text)) if text == "error while decoding MB 3 4")
         );
     }
 

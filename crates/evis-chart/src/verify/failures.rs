@@ -32,7 +32,7 @@ use crate::result::DeviceNote;
 pub use limits::{Bound, Limit, limit};
 pub use methods::{NamedMethod, methods};
 
-/// The word by which JSON tells this report from others.
+/// This report's kind in JSON.
 pub(super) const REPORT: &str = "failures";
 
 /// Tolerances that are scored, in microseconds: that of F1, and one that pairs also what is far off.
@@ -111,7 +111,7 @@ pub struct Cell {
     /// Where the number lies with 95 % confidence, for those that say so.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub interval: Option<[f64; 2]>,
-    /// What else tells about it.
+    /// Other numbers about it.
     pub details: Vec<Detail>,
     /// F1 within 1 ms, scaled by image speed, at all pixels of truth; the worst of several shots. `None` where truth has no
     /// events.

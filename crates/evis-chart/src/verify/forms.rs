@@ -10,7 +10,7 @@ use serde::{Deserialize, Serialize};
 use super::VERSION;
 use crate::error::ChartError;
 
-/// The word by which JSON tells this report from others.
+/// This report's kind in JSON.
 const REPORT: &str = "closed_forms";
 
 /// How a signal moves between two samples, which decides how well a straight line follows it.

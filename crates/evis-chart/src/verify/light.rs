@@ -22,7 +22,7 @@ use crate::chart::{Progress, Stage, date, first_environment};
 use crate::error::ChartError;
 use crate::result::DeviceNote;
 
-/// The word by which JSON tells this report from others.
+/// This report's kind in JSON.
 pub(super) const REPORT: &str = "light";
 
 /// Relative difference up to which two sets of few samples agree.
@@ -39,7 +39,7 @@ pub struct LightSettings {
     pub at_us: i64,
     /// The engine's samples per pixel.
     pub samples: u32,
-    /// How the engine tells shadow from light.
+    /// How the engine finds shadows.
     pub shadows: Shadows,
     /// How many of the worst pixels are listed.
     pub worst: usize,
@@ -143,7 +143,7 @@ pub struct LightReport {
     pub at_us: i64,
     /// Samples per pixel.
     pub samples: u32,
-    /// How the engine told shadow from light.
+    /// How the engine found shadows.
     pub shadows: Shadows,
     /// `Y_ref` of the logarithm, the engine's own.
     pub reference_luminance: f64,

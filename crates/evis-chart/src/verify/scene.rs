@@ -18,7 +18,7 @@ use crate::error::ChartError;
 use crate::ladder::{Ladder, Setting, number};
 use crate::result::{Point, SceneChart, tolerance};
 
-/// The word by which JSON tells this report from others.
+/// This report's kind in JSON.
 pub(super) const REPORT: &str = "scene";
 
 /// Tolerances that are scored, in microseconds.

@@ -141,16 +141,8 @@ pub fn write_recording(path: &Path, hdr: bool, finish: bool) {
 
 /// A recording of 300 000 events of a camera named left, which fill many pages.
 pub fn write_many_events(path: &Path) {
-    let header = RecordingHeader {
-        cameras: vec![camera("left")],
-        seed: 7,
-        method: "native".into(),
-        environment: 0,
-        config_toml: String::new(),
-        duration_us: None,
-        t_offset_us: 0,
-        labels: vec![],
-    };
+    let header =
+        RecordingHeader { seed: 7, method: "native".into(), ..RecordingHeader::of(vec![camera("left")]) };
     let mut state = 1_u64;
     let mut random = |below: u64| {
         state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);

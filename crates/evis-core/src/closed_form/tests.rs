@@ -320,16 +320,7 @@ fn a_turn_says_how_much_swing_was_missing() {
 }
 
 fn camera() -> CameraInfo {
-    CameraInfo {
-        name: "camera".into(),
-        width: 8,
-        height: 6,
-        fx: 1.0,
-        fy: 1.0,
-        cx: 4.0,
-        cy: 3.0,
-        distortion: None,
-    }
+    CameraInfo::uncalibrated("camera", (8, 6))
 }
 
 #[test]

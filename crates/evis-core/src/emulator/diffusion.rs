@@ -3,7 +3,7 @@
 //! Within a step the end of the path is drawn, then whether the bridge to it touched a threshold, then when: given that
 //! a bridge of length 1 from 0 to `end` touches `b`, `T / (1 - T)` is inverse Gaussian with mean `b / |end - b|` and
 //! shape `b^2` in units of the variance (Karatzas & Shreve, Brownian Motion, 2.8). Steps are so short that touching both
-//! thresholds in one does not matter. After an event the path starts anew from the threshold (strong Markov property).
+//! thresholds in one does not matter. After an event the path restarts from the threshold (strong Markov property).
 
 use super::frames::{BLOCK, Source};
 use super::ideal::{Interval, Tally};

@@ -32,7 +32,7 @@ impl Exposing {
     }
 
     /// Reads the sample that is being pushed, and says whether it is light: nothing that outlives a push changes.
-    pub fn look(&mut self, threads: Threads<'_>, source: &Source<'_>, eps: f32) -> bool {
+    pub fn load(&mut self, threads: Threads<'_>, source: &Source<'_>, eps: f32) -> bool {
         let mut parts: Vec<_> = self.next.chunks_mut(TILE).map(|next| (next, true)).enumerate().collect();
         threads.each(&mut parts, |(index, (next, is_light))| {
             for (block, next) in next.chunks_mut(BLOCK).enumerate() {
@@ -65,11 +65,11 @@ impl Exposing {
 }
 
 impl Environment {
-    /// Takes the sample that [`Exposing::look`] has read, of the end of `work`'s interval: light is straight since the last
+    /// Takes the sample that [`Exposing::load`] has read, of the end of `work`'s interval: light is straight since the last
     /// one. What pixels make of the frames that are complete with it goes to `events`.
     pub(super) fn expose(&mut self, work: &Push<'_>, events: &mut Vec<Event>) {
         let mut report = EmulatorReport::default();
-        // While a frame is felt, the light stays out of the way.
+        // The light is taken out while the sensor model reads a frame.
         let Some(mut light) = self.exposing.take() else { return };
         let (from_us, to_us) = (work.start_us, work.start_us + i64::from(work.interval_us));
         if light.since_us.is_none() {
@@ -100,7 +100,7 @@ impl Environment {
                     ..*work
                 };
                 let frame = Source::Linear { values: &light.frame, inverse_reference: 1.0 };
-                self.feel(&push, frame, events);
+                self.sense(&push, frame, events);
                 report.add(&self.report);
             }
             k += 1;

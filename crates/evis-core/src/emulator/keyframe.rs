@@ -1,4 +1,4 @@
-//! Frames with depth and motion vectors: the light between two of them is warped, then felt.
+//! Frames with depth and motion vectors: the light between two of them is warped, then goes through the sensor model.
 
 use std::sync::{Mutex, PoisonError};
 
@@ -81,7 +81,7 @@ pub enum Cut {
     None,
     /// There is no last keyframe: the stream begins, or the last frame had no depth and motion.
     Start,
-    /// The user said so: the environment began anew.
+    /// The user said so: the environment was restarted.
     Declared,
     /// Nothing links the two keyframes: light went straight from one to the other.
     Detected,
@@ -153,15 +153,15 @@ impl KeyframeReport {
 
 /// Memory that threads take and give back.
 #[derive(Debug, Default)]
-pub(crate) struct Benches(Mutex<Vec<(Scratch, Vec<f32>)>>);
+pub(crate) struct ScratchPool(Mutex<Vec<(Scratch, Vec<f32>)>>);
 
-impl Benches {
+impl ScratchPool {
     fn take(&self) -> (Scratch, Vec<f32>) {
         self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
     }
 
-    fn give(&self, bench: (Scratch, Vec<f32>)) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(bench);
+    fn give(&self, scratch: (Scratch, Vec<f32>)) {
+        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
     }
 }
 
@@ -293,8 +293,8 @@ fn by_motion_of(motion: &[[f32; 2]], variant: WarpVariant) -> Vec<f32> {
 
 impl EventEmulator {
     /// Takes the keyframes of time `t_us` and gives the events since the last ones, one list per environment. The light of
-    /// the instants between is warped along the motion vectors from both keyframes, then felt as by [`Self::push`]: where
-    /// neither keyframe knows it, a pixel's memory stays.
+    /// the instants between is warped along the motion vectors from both keyframes, then goes through the sensor model as by
+    /// [`Self::push`]: where neither keyframe knows it, a pixel's memory stays.
     ///
     /// An environment's first keyframe makes no events, nor does one that is cut.
     ///
@@ -313,7 +313,9 @@ impl EventEmulator {
         let frames = Frames { data: keyframes.light, channels: keyframes.channels };
         self.tables.prepare(&frames, 1.0 / self.config.reference_luminance, &self.config.sensor);
         let mut out = vec![Vec::new(); self.config.batch];
-        let Self { config, isa, workers, tables, kernel, environments, benches, keyframe_reports, .. } = self;
+        let Self {
+            config, isa, workers, tables, kernel, environments, scratch_pool, keyframe_reports, ..
+        } = self;
         let pool = workers.as_ref().map(WorkerPool::pool);
         let threads = pool.map_or(1, rayon::ThreadPool::current_num_threads);
         let step = Gapped {
@@ -332,7 +334,7 @@ impl EventEmulator {
             pictures,
             warp,
             at_once: threads.div_ceil(config.batch),
-            benches,
+            scratch_pool,
             tables,
         };
         let run = |index: usize, environment: &mut Environment, out: &mut Vec<Event>| {
@@ -449,7 +451,7 @@ struct Gapped<'a> {
     warp: &'a Warp,
     /// Instants that threads warp side by side.
     at_once: usize,
-    benches: &'a Benches,
+    scratch_pool: &'a ScratchPool,
     /// What integers mean.
     tables: &'a Tables,
 }
@@ -466,7 +468,7 @@ impl Gapped<'_> {
         let mut report = KeyframeReport::default();
         let declared = keyframes.cut.get(index).copied().unwrap_or(false);
         if declared {
-            environment.begin_anew();
+            environment.restart();
         }
         let before = environment.keyframe.take().filter(|_| environment.has_light());
         let since = if before.is_some() { gap_us } else { 0 };
@@ -533,8 +535,8 @@ impl Gapped<'_> {
         let mut k = 1;
         while k <= steps {
             let last = (k + self.at_once as i64 - 1).min(steps);
-            let look = |k: i64| {
-                let (mut scratch, mut frame) = self.benches.take();
+            let light_at = |k: i64| {
+                let (mut scratch, mut frame) = self.scratch_pool.take();
                 match &gap {
                     Some(gap) if k < steps => {
                         gap.instant((offset(k) as f64 / gap_us as f64) as f32, &mut scratch, &mut frame);
@@ -543,9 +545,9 @@ impl Gapped<'_> {
                 }
                 (scratch, frame)
             };
-            let looks: Vec<_> =
-                if last > k { (k..=last).into_par_iter().map(look).collect() } else { vec![look(k)] };
-            for (k, bench) in (k..).zip(looks) {
+            let light: Vec<_> =
+                if last > k { (k..=last).into_par_iter().map(light_at).collect() } else { vec![light_at(k)] };
+            for (k, made) in (k..).zip(light) {
                 let start = offset(k - 1);
                 let push = Push {
                     start_us: self.push.start_us + start,
@@ -553,9 +555,9 @@ impl Gapped<'_> {
                     interval_us: (offset(k) - start) as u32,
                     ..self.push
                 };
-                environment.advance(&push, &bench.1, out);
+                environment.advance(&push, &made.1, out);
                 sum.add(&environment.report);
-                self.benches.give(bench);
+                self.scratch_pool.give(made);
             }
             k = last + 1;
         }

@@ -1,4 +1,4 @@
-//! Which convention the motion vectors of a renderer follow: told from two keyframes, once.
+//! Which convention the motion vectors of a renderer follow: found from two keyframes, once.
 
 use super::frames::Frames;
 use super::warp::is_motion;

@@ -18,7 +18,7 @@ use crate::random::Key;
 use crate::sensor::{ConfigError, Readout, SensorConfig};
 use crate::simd::Isa;
 
-/// An emulator of one environment whose randomness is that of `key`; seed and camera of `config` are not looked at.
+/// An emulator of one environment whose randomness is that of `key`; seed and camera of `config` are not read.
 ///
 /// # Errors
 /// As [`EventEmulator::new`].
@@ -106,7 +106,7 @@ pub struct ReadoutQueue {
 }
 
 impl ReadoutQueue {
-    /// A wire with nothing on it, of a sensor with rows of `width` pixels.
+    /// A bus with nothing on it, of a sensor with rows of `width` pixels.
     pub fn new(readout: &Readout, key: Key, width: u32) -> Self {
         Self { readout: *readout, key, width, queue: readout::Queue::default() }
     }

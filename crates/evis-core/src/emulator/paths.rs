@@ -7,7 +7,7 @@ use super::warp::is_motion;
 
 /// Rounds in which a step forward is found in a field that leads back, at most.
 const ROUNDS: usize = 6;
-/// Rounds end where the place moves by less: a fraction of what positions are told in.
+/// Rounds end where the place moves by less: a fraction of the unit in which positions are counted.
 const CLOSE_PX: f32 = 1e-4;
 /// A path that ends farther from where motion vectors lead has come upon another surface.
 const STRAY_PX: f32 = 1.0;

@@ -1,4 +1,4 @@
-//! From the pixel to the wire: what waits for the bus, and when it leaves.
+//! From the pixel to the host: what waits for the bus, and when it leaves.
 
 use std::collections::VecDeque;
 
@@ -157,13 +157,13 @@ mod tests {
     #[test]
     fn rows_take_turns() {
         let readout = Readout { row_ns: 2000, event_ns: 500, ..Readout::default() };
-        let mut wire = Queue::default();
+        let mut queue = Queue::default();
         let mut out = Vec::new();
         // Row 1 waits for row 0: 2 us + 2 events of 0.5 us; the late event of row 0 for its next turn.
         let mut fired = vec![at(10, 0, 0), at(10, 1, 0), at(11, 5, 1), at(11, 7, 0)];
-        assert_eq!(wire.pass(&readout, &mut fired, 100, &mut out), 0);
+        assert_eq!(queue.pass(&readout, &mut fired, 100, &mut out), 0);
         assert_eq!(out, [at(10, 0, 0), at(10, 1, 0), at(13, 7, 0), at(16, 5, 1)]);
-        assert!(wire.waiting.is_empty());
+        assert!(queue.waiting.is_empty());
     }
 
     #[test]
@@ -172,11 +172,11 @@ mod tests {
         let readout = Readout { row_ns: 10_000, ..Readout::default() };
         let events: Vec<Event> = (0..5000).map(|i| at(i64::from(i) * 2, 0, (i * 7 % 50) as u16)).collect();
         let run = |cuts: &[i64]| {
-            let (mut wire, mut out, mut start, mut dropped) = (Queue::default(), Vec::new(), -1, 0);
+            let (mut queue, mut out, mut start, mut dropped) = (Queue::default(), Vec::new(), -1, 0);
             for end in cuts {
-                wire.waiting.extend(events.iter().filter(|event| event.t > start && event.t <= *end));
-                dropped += wire.arbitrate(&readout, *end, 40, &mut out);
-                assert!(wire.waiting.len() <= 40, "{} wait", wire.waiting.len());
+                queue.waiting.extend(events.iter().filter(|event| event.t > start && event.t <= *end));
+                dropped += queue.arbitrate(&readout, *end, 40, &mut out);
+                assert!(queue.waiting.len() <= 40, "{} wait", queue.waiting.len());
                 start = *end;
             }
             (out, dropped)
@@ -204,12 +204,12 @@ mod tests {
             .map(|i| at(i64::from(i * i * 7 % 4000) + 1, (i % 20) as u16, (i * 13 % 16) as u16))
             .collect();
         let run = |cuts: &[i64]| {
-            let (mut wire, mut out, mut start, mut dropped) = (Queue::default(), Vec::new(), 0, 0);
+            let (mut queue, mut out, mut start, mut dropped) = (Queue::default(), Vec::new(), 0, 0);
             for end in cuts {
                 let mut fired: Vec<Event> =
                     events.iter().copied().filter(|event| event.t > start && event.t <= *end).collect();
                 let from = out.len();
-                dropped += wire.pass(&readout, &mut fired, *end, &mut out);
+                dropped += queue.pass(&readout, &mut fired, *end, &mut out);
                 assert!(
                     out[from..].iter().all(|event| event.t > start && event.t <= *end && event.t % 4 == 0)
                 );

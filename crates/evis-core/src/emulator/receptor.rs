@@ -244,7 +244,7 @@ mod tests {
     const SIDE: u32 = 64;
 
     fn emulator(photoreceptor: Photoreceptor) -> EventEmulator {
-        // Nothing fires: what is looked at is the signal.
+        // Nothing fires: the signal is what is read.
         let sensor =
             SensorConfig { threshold_on: 90.0, threshold_off: 90.0, photoreceptor, ..Default::default() };
         EventEmulator::new(EmulatorConfig {

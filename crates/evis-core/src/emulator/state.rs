@@ -183,12 +183,12 @@ impl EventEmulator {
             pass.one(&mut started)?;
             require(started <= 1)?;
             environment.started = started != 0;
-            pass.list(&mut environment.wire.waiting)?;
-            pass.one(&mut environment.wire.free_ns)?;
-            pass.one(&mut environment.wire.window)?;
-            pass.one(&mut environment.wire.used)?;
+            pass.list(&mut environment.queue.waiting)?;
+            pass.one(&mut environment.queue.free_ns)?;
+            pass.one(&mut environment.queue.window)?;
+            pass.one(&mut environment.queue.used)?;
             if pass.reads() {
-                let wire = &environment.wire;
+                let queue = &environment.queue;
                 let fits = |event: &Event| {
                     u32::from(event.x) < self.config.width
                         && u32::from(event.y) < self.config.height
@@ -196,10 +196,10 @@ impl EventEmulator {
                         && event.has_cause()
                         && (-MOST_T_US..=MOST_T_US).contains(&event.t)
                 };
-                require(wire.waiting.iter().all(fits) && wire.waiting.is_sorted_by_key(Event::order))?;
+                require(queue.waiting.iter().all(fits) && queue.waiting.is_sorted_by_key(Event::order))?;
                 let times = -MOST_T_US..=MOST_T_US;
-                require(times.contains(&(wire.free_ns / 1000)) && times.contains(&wire.window))?;
-                require(wire.used <= u64::from(u32::MAX))?;
+                require(times.contains(&(queue.free_ns / 1000)) && times.contains(&queue.window))?;
+                require(queue.used <= u64::from(u32::MAX))?;
             }
             if let Some(light) = &mut environment.exposing {
                 let mut since = (u64::from(light.since_us.is_some()), light.since_us.unwrap_or_default());

@@ -9,7 +9,7 @@ use serde::{Deserialize, Serialize};
 use crate::sensor::ConfigError;
 use crate::simd::{self, Isa, dispatched};
 
-/// Parts of a pixel that a position is told in, as a power of two.
+/// Parts of a pixel in which positions are counted, as a power of two.
 const SUBPIXEL_BITS: i32 = 10;
 const SUBPIXELS: i32 = 1 << SUBPIXEL_BITS;
 /// Depths at least this part of one another are taken for one surface.
@@ -251,7 +251,7 @@ impl<'a> Moved<'a> {
     }
 }
 
-/// Sizes of a gap's pictures and what its pixels feel.
+/// Sizes of a gap's pictures and what its pixels get.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pictures {
     /// Sensor pixels, width and height.
@@ -389,7 +389,7 @@ fn place(x: usize, y: usize, margin: i32, moved: [f32; 2]) -> [i32; 2] {
 
 /// Whether a coordinate is nearer to the second of the two pixels around it.
 #[inline(always)]
-fn leans(q: i32) -> bool {
+fn is_past_half(q: i32) -> bool {
     q & (SUBPIXELS - 1) >= SUBPIXELS / 2
 }
 
@@ -402,7 +402,7 @@ fn for_taps((q, reaches): Place, size: [usize; 2], mut each: impl FnMut(usize, u
     let mut g = f.map(|v| (SUBPIXELS as u32).wrapping_sub(v));
     for axis in [0, 1] {
         if !reaches[axis] {
-            let other = if leans(q[axis]) { &mut g } else { &mut f };
+            let other = if is_past_half(q[axis]) { &mut g } else { &mut f };
             other[axis] = 0;
         }
     }
@@ -573,8 +573,8 @@ impl<'a> Gap<'a> {
         let nearness = from.side.nearness;
         let own = nearness[y * width + x];
         let beside = |at: usize, second: bool| if second { at.checked_sub(1) } else { Some(at + 1) };
-        let column = beside(x, leans(q[0])).filter(|x| *x < width);
-        let row = beside(y, leans(q[1])).filter(|y| *y < height);
+        let column = beside(x, is_past_half(q[0])).filter(|x| *x < width);
+        let row = beside(y, is_past_half(q[1])).filter(|y| *y < height);
         [
             column.is_some_and(|x| same_surface(own, nearness[y * width + x])),
             row.is_some_and(|y| same_surface(own, nearness[y * width + x])),
@@ -736,7 +736,7 @@ const fn index_bits(pixels: usize) -> u32 {
     u32::BITS - (pixels as u32).leading_zeros()
 }
 
-/// Blends two rows in the logarithm that pixels feel.
+/// Blends two rows in the logarithm that pixels get.
 #[inline(always)]
 fn blend_body(older: &[f32], newer: &[f32], elapsed: f32, log_floor: f32, out: &mut [f32]) {
     for ((older, newer), out) in older.iter().zip(newer).zip(out) {

@@ -115,33 +115,13 @@ pub struct EventFile {
     pub range: (i64, i64),
 }
 
-/// Reads the events of `camera` (the only one, where there is no name) from `.h5`, `.hdf5`, `.npz` or `.npy`.
-///
-/// # Errors
-/// A file that cannot be read, another ending, a camera that is not there.
-pub fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, FormatError> {
-    let ending = path.extension().map(|ending| ending.to_string_lossy().to_ascii_lowercase());
-    let file = match ending.as_deref() {
-        Some("h5" | "hdf5") => hdf5::read_events(path, camera),
-        Some("npz" | "npy") => numpy::read_events(path),
-        _ => {
-            let remedy = "name a file that ends with .h5, .hdf5, .npz or .npy";
-            Err(FormatError::invalid(path, "this kind of file is not read", remedy))
-        }
-    }?;
-    check_events(&file.events, file.size, 0, i64::MIN).map_err(|what| {
-        FormatError::corrupt(path, what, "record it again, or copy it again from its source")
-    })?;
-    Ok(file)
-}
-
 /// Checks what no reader hands out: events that lie outside of `(width, height)` pixels, go back in time, have a
 /// polarity that is neither 0 nor 1, or times that no computation has room for. `events` begin with number `first` of
 /// the file, and the one before it was at `earlier_us`.
 ///
 /// # Errors
 /// The first such event, as the end of a sentence that begins with the file's name.
-fn check_events(
+pub fn check_events(
     events: &[Event],
     (width, height): (u32, u32),
     first: u64,

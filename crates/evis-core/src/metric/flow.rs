@@ -7,7 +7,7 @@ use super::MetricError;
 /// Endpoint errors of a flow field over the pixels where both sides are defined.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct EndpointError {
-    /// Pixels that were looked at.
+    /// Pixels that were compared.
     pub pixels: u64,
     /// Mean distance in pixels.
     pub mean: f64,
@@ -26,7 +26,7 @@ pub struct EndpointError {
 ///
 /// # Errors
 /// Fields or a mask of different length, a mask that leaves nothing, and vectors that are not finite where they are
-/// looked at.
+/// compared.
 pub fn endpoint_error(
     flow: &[[f32; 2]],
     reference: &[[f32; 2]],

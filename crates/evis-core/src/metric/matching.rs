@@ -210,7 +210,7 @@ impl Matcher {
         }
     }
 
-    /// Lays out as many truth events of a cluster as fit; tells where they end.
+    /// Lays out as many truth events of a cluster as fit; returns where they end.
     fn lay_rows(
         &mut self,
         times: &[i64],
@@ -288,7 +288,7 @@ impl Matcher {
         }
     }
 
-    /// Walks back through the steps and pairs the first `kept` rows; tells the last event that was paired.
+    /// Walks back through the steps and pairs the first `kept` rows; returns the last event that was paired.
     fn trace(
         &self,
         times: &[i64],

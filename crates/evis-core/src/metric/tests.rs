@@ -25,16 +25,7 @@ fn truth(size: [u16; 2], duration_us: i64, mut events: Vec<Event>) -> Truth {
     events.sort_by_key(Event::order);
     let [width, height] = size;
     Truth {
-        camera: CameraInfo {
-            name: "camera".into(),
-            width: width.into(),
-            height: height.into(),
-            fx: 1.0,
-            fy: 1.0,
-            cx: 0.0,
-            cy: 0.0,
-            distortion: None,
-        },
+        camera: CameraInfo::uncalibrated("camera", (width.into(), height.into())),
         sensor: SensorConfig::default(),
         reference_luminance: 1.0,
         duration_us,

@@ -250,7 +250,7 @@ pub struct Refractory {
     pub rule: RefractoryRule,
 }
 
-/// From the pixel to the wire.
+/// From the pixel to the host.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Readout {

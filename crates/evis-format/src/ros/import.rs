@@ -258,17 +258,7 @@ impl Content {
         let taken = |name: &str| self.cameras.iter().any(|camera| camera.info.name == name);
         let name = own_name(unit_name(&namespace, "camera"), taken);
         let lens = lens.filter(|lens| (lens.width, lens.height) == size);
-        let unknown = f64::NAN;
-        let info = CameraInfo {
-            name: name.clone(),
-            width: size.0,
-            height: size.1,
-            fx: unknown,
-            fy: unknown,
-            cx: unknown,
-            cy: unknown,
-            distortion: None,
-        };
+        let info = CameraInfo::uncalibrated(name.clone(), size);
         let info = lens.map_or(info, |lens| CameraInfo { name, ..lens });
         self.cameras.push(Camera { namespace, info, decoder: EventDecoder::default() });
         Place::Events(self.cameras.len() - 1)

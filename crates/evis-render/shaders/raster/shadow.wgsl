@@ -46,7 +46,7 @@ fn shadow_by_map(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f32
     return select(1.0, lit, at.inside);
 }
 
-// Where the four texels around a point agree whether the surface's own plane is lit there, so is the point; else a ray tells.
+// Where the four texels around a point agree whether the surface's own plane is lit there, so is the point; else a ray decides.
 fn shadow_by_rays(light: Light, layer: u32, position: vec3<f32>, normal: vec3<f32>, incident: Incident) -> f32 {
     let at = shadow_point(light, position);
     // The plane's depth over the map: it is linear there, also in perspective. From two steps along the plane, each as

@@ -8,7 +8,7 @@
 // View by view, instant by instant, sample by sample.
 @group(0) @binding(2) var luminance_layers: texture_storage_2d_array<r32float, read>;
 @group(0) @binding(3) var memory_in: texture_storage_2d_array<rgba32uint, read>;
-// Also tells the emitting pass of the submission: z, bit k, that the pixel fires at instant k; w, its count.
+// Also for the emitting pass of the submission: z, bit k, that the pixel fires at instant k; w, its count.
 @group(0) @binding(4) var memory_out: texture_storage_2d_array<rgba32uint, write>;
 @group(0) @binding(5) var<storage, read_write> counts: array<u32>;
 @group(0) @binding(6) var<storage, read_write> status: Status;

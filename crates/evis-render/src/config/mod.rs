@@ -111,7 +111,7 @@ pub enum Interpolation {
     Curve,
 }
 
-/// How shadows are told from light.
+/// How shadows are found.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Shadows {
@@ -198,7 +198,7 @@ pub struct RunConfig {
     /// Places at which a sample reads a texture that light is proportional to, at most, along each side of its share of the
     /// pixel, 1 to 16; beyond them mip levels average, and blur. `None` takes 2 up to 8 samples, 3 up to 15, then 4.
     pub texture_taps: Option<u32>,
-    /// How shadows are told from light; `None` leaves it to a quality preset, and is by maps without one.
+    /// How shadows are found; `None` leaves it to a quality preset, and is by maps without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shadows: Option<Shadows>,
     /// Texels of a shadow map's edge, 64 to 16384, and as many as the device can at most. `None` takes the power of two nearest
@@ -289,7 +289,7 @@ impl RunConfig {
     }
 
     /// Says which sensor each of `cameras` has: [`RunConfig::sensor`] is that of all but those in [`RunConfig::sensors`].
-    pub(crate) fn tell_sensors<'a>(
+    pub(crate) fn set_sensors<'a>(
         &mut self,
         cameras: impl Iterator<Item = (&'a str, &'a SensorConfig)> + Clone,
     ) {

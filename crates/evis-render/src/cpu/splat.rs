@@ -2,7 +2,7 @@
 
 use evis_core::WarpVariant;
 
-/// Parts of a pixel that a position is told in.
+/// Parts of a pixel in which positions are counted.
 pub const SUBPIXELS: i32 = 1024;
 
 const WEIGHT_STEPS: f32 = 4096.0;
@@ -131,14 +131,14 @@ pub fn position(place: [i32; 2]) -> [i32; 2] {
 }
 
 /// Whether a coordinate is nearer to the second of the two pixels around it.
-fn leans(q: i32) -> bool {
+fn is_past_half(q: i32) -> bool {
     q & (SUBPIXELS - 1) >= SUBPIXELS / 2
 }
 
 /// The pixels that a placed source reaches, with their weights; `None` for the others.
 fn reached(place: [i32; 2], size: [usize; 2]) -> [Option<(usize, u32)>; 4] {
     let q = position(place);
-    let wanted = |axis: usize, second: bool| place[axis] & 1 == 1 || leans(q[axis]) == second;
+    let wanted = |axis: usize, second: bool| place[axis] & 1 == 1 || is_past_half(q[axis]) == second;
     let taps = taps(q, size);
     std::array::from_fn(|i| {
         taps[i].filter(|(_, weight)| *weight > 0 && wanted(0, i & 1 == 1) && wanted(1, i >> 1 == 1))
@@ -150,7 +150,7 @@ fn reaches(sources: &[Source], i: usize, q: [i32; 2], canvas: [usize; 2]) -> [bo
     let pixel = [(i % canvas[0]) as i32, (i / canvas[0]) as i32];
     std::array::from_fn(|axis| {
         let mut beside = pixel;
-        beside[axis] += if leans(q[axis]) { -1 } else { 1 };
+        beside[axis] += if is_past_half(q[axis]) { -1 } else { 1 };
         let inside = beside.iter().zip(canvas).all(|(&p, n)| p >= 0 && (p as usize) < n);
         let (own, other) =
             (sources[i].nearness, || sources[beside[1] as usize * canvas[0] + beside[0] as usize]);

@@ -624,7 +624,7 @@ impl Engine {
             };
             let group = &mut self.groups[unit.group];
             let end_us = unit.end_us(&self.context.grid);
-            match group.chain.as_mut().filter(|chain| !chain.wires.is_empty()) {
+            match group.chain.as_mut().filter(|chain| !chain.readouts.is_empty()) {
                 None => {
                     let views = group.views.iter().copied();
                     unpack::views(records, &offsets, base_us, span_us, self.caused, views, |v, e| {
@@ -633,9 +633,9 @@ impl Engine {
                 }
                 Some(chain) => {
                     let parts = offsets.windows(2).map(|w| &records[w[0] as usize..w[1] as usize]);
-                    for ((wire, records), v) in chain.wires.iter_mut().zip(parts).zip(&group.views) {
+                    for ((readout, records), v) in chain.readouts.iter_mut().zip(parts).zip(&group.views) {
                         let mut fired = unpack::events(records, base_us, self.caused);
-                        self.report.dropped += wire.pass(&mut fired, end_us, &mut self.arrived[*v].events);
+                        self.report.dropped += readout.pass(&mut fired, end_us, &mut self.arrived[*v].events);
                     }
                 }
             }

@@ -118,7 +118,7 @@ impl Engine {
                 chain.reset_views(fresh, &beginning);
             } else {
                 // What is frozen stays, and noise is a function of time.
-                chain.clear_wires(&own, &beginning);
+                chain.clear_readout(&own, &beginning);
             }
         }
         if self.groups[group].next == 0 {

@@ -141,7 +141,7 @@ impl Simulator {
         let (views, cameras) = view::views(&scene, &config)?;
         view::check_distorted(&views, &cameras, &config)?;
         // Each camera's first view has its sensor.
-        config.tell_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
+        config.set_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
         let environments = scene.variants.len().max(1);
         let host_poses = scene.host_poses.clone();
         if host_poses.is_some() {

@@ -47,7 +47,7 @@ pub struct StillWatch {
     /// Whether that is the one that comes now.
     follows: bool,
     /// Whether any view was as still as the instant before.
-    calm: bool,
+    any_static: bool,
     /// A canary of the tests: shadows are taken for still.
     #[cfg(test)]
     pub overlooks_shadows: bool,
@@ -79,13 +79,13 @@ impl StillWatch {
     pub fn begin(&mut self, group: usize, views: usize, first: i64) {
         self.follows = self.kept == Some((group, first));
         self.kept = None;
-        self.calm = false;
+        self.any_static = false;
         self.seen.resize_with(views, Seen::default);
     }
 
     /// Whether keeping the last instant may pay: some view was still.
-    pub const fn is_calm(&self) -> bool {
-        self.calm
+    pub const fn any_static(&self) -> bool {
+        self.any_static
     }
 
     /// The instant before `next` of `group` is kept.
@@ -105,7 +105,7 @@ impl StillWatch {
         #[cfg(test)]
         let now = &Moment { lamps: if self.overlooks_shadows { &[] } else { now.lamps }, ..*now };
         let same = last.frame == frame;
-        self.calm |= same;
+        self.any_static |= same;
         let change = if same && (k > 0 || self.follows) { change(scene, last, now) } else { Change::All };
         last.frame = frame;
         last.world.clear();

@@ -1,4 +1,4 @@
-//! What tells one surface pipeline from another, and the vertex interface generated from it.
+//! In what surface pipelines differ, and the vertex interface generated from it.
 
 use std::fmt::Write as _;
 
@@ -255,7 +255,7 @@ pub const fn light_kind(kind: &LightKind) -> u8 {
     }
 }
 
-/// WGSL sums over all lights. Each is told its kind and whether it throws shadows as constants: software drivers run
+/// WGSL sums over all lights. Each has its kind, and whether it throws shadows, as constants: software drivers run
 /// both sides of a branch.
 fn light_sums(lights: &LightSet) -> String {
     let light_count = lights.count;

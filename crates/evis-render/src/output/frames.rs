@@ -22,7 +22,7 @@ use crate::world::tiles::{TILE, tiles_along};
 use crate::world::view::View;
 
 /// Samples of a tile during an exposure, at most: not denser than the instants that make events, but for the least of these.
-const LOOKS: std::ops::RangeInclusive<i64> = 8..=64;
+const SAMPLE_COUNTS: std::ops::RangeInclusive<i64> = 8..=64;
 
 /// Pixels that anything may move between two samples. A pixel's own width smooths what they leave out.
 const STEP_PX: f64 = 0.25;
@@ -96,7 +96,7 @@ impl FrameRenderer {
         Ok(Some(frames))
     }
 
-    /// Per tile of `view`: how often it is looked at during the exposure from `start_us` on.
+    /// Per tile of `view`: how often it is sampled during the exposure from `start_us` on.
     fn sample_counts(&self, context: &mut Context, view: &[View], start_us: i64) -> Vec<u32> {
         let moments: Vec<i64> = (0..=i64::from(self.most))
             .map(|k| start_us + k * self.exposure_us / i64::from(self.most))
@@ -112,10 +112,7 @@ impl FrameRenderer {
     }
 
     /// Adds to `mean` the light of all tiles that are sampled `count` times by `counts`.
-    #[expect(
-        clippy::too_many_arguments,
-        reason = "a view of a frame, and the tiles of it that are looked at"
-    )]
+    #[expect(clippy::too_many_arguments, reason = "a view of a frame, and the tiles of it that are sampled")]
     fn add(
         &self,
         context: &mut Context,
@@ -131,20 +128,21 @@ impl FrameRenderer {
         let wanted = |x: u32, y: u32| counts[(y * columns + x) as usize] == count;
         // Each for an equal part of the exposure, in its middle: exact where light changes evenly within each part.
         let share = 1.0 / f64::from(count);
-        let time =
-            |look: u32| start_us + ((f64::from(look) + 0.5) * share * self.exposure_us as f64).round() as i64;
+        let time = |sample: u32| {
+            start_us + ((f64::from(sample) + 0.5) * share * self.exposure_us as f64).round() as i64
+        };
         let times: Vec<i64> = (0..count).map(time).collect();
         let frames = context.upload_frames_as(view, &times, Upload { trail: true, ..Default::default() });
         let mut shadows = MovingShadows::new(&frames, view, count);
-        for look in 0..count {
+        for sample in 0..count {
             if stop.load(Ordering::Relaxed) {
                 return Err(EngineError::Stopped);
             }
-            let in_view = InView::new(context, &view[0], look);
+            let in_view = InView::new(context, &view[0], sample);
             let parts = in_view.parts(wanted, TILE, (width, height), self.made.pixel_price());
             let mut encoder = Commands::new(&context.gpu, "frames");
-            shadows.show(context, &mut encoder, 0, look);
-            encode_luminance(context, &mut encoder, layers, &frames, look, 0, Some(&parts));
+            shadows.show(context, &mut encoder, 0, sample);
+            encode_luminance(context, &mut encoder, layers, &frames, sample, 0, Some(&parts));
             let light = read_mean(context, encoder, layers)?;
             let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
             for ((mean, light), (x, y)) in mean.iter_mut().zip(light).zip(pixels) {
@@ -160,7 +158,8 @@ impl FrameRenderer {
 /// Samples of a tile during an exposure, at most, where instants are `interval_us` apart: a power of two, and no more than
 /// there are microseconds.
 fn most_samples(exposure_us: i64, interval_us: f64) -> u32 {
-    let dense = ((exposure_us as f64 / interval_us).ceil() as i64).clamp(*LOOKS.start(), *LOOKS.end());
+    let dense = ((exposure_us as f64 / interval_us).ceil() as i64)
+        .clamp(*SAMPLE_COUNTS.start(), *SAMPLE_COUNTS.end());
     let most = (dense as u32).next_power_of_two();
     if i64::from(most) <= exposure_us { most } else { 1 << exposure_us.ilog2() }
 }

@@ -1,5 +1,5 @@
-//! `native` as often as what is seen needs: each tile of a picture is rendered as often as what it may show moves, and one
-//! that does not change not at all.
+//! Adaptive time: each tile of a picture is rendered at the rate that the motion in it needs, and a tile in which nothing
+//! changes is not rendered again.
 //!
 //! Instants come in blocks of a fixed length in absolute time. What a block's tiles need is a function of the poses during
 //! it, so a stream's bytes depend on nothing else. The last instant of a block is sampled everywhere: no pixel's interval
@@ -54,7 +54,7 @@ pub struct AdaptiveSampler {
     /// By the first view of a group: the instant that comes next, and the layers of the last one, view by view.
     kept: HashMap<usize, (i64, wgpu::Texture)>,
     drawn_pixels: u64,
-    /// Per view: which tiles are looked at; all where there is nothing.
+    /// Per view: the tiles that are rendered; all where it is empty.
     only: Vec<Vec<bool>>,
     /// Instead of what poses tell: how often every tile is sampled.
     pub forced: Option<u8>,
@@ -115,7 +115,7 @@ struct Work<'a> {
     tile_rates: Vec<TileRates>,
     /// Whether what still tiles showed before the first instant is kept.
     follows: bool,
-    /// Whether only some tiles are looked at; nobody asks what the others show.
+    /// Whether only some tiles are rendered; the others are not read.
     partial: bool,
 }
 
@@ -132,7 +132,7 @@ impl Work<'_> {
     /// Whether a tile with `log2_stride` is sampled at instant `number` of `block`, from 1 on.
     const fn is_due(&self, log2_stride: u8, block: u32, number: u32) -> bool {
         match log2_stride {
-            // Nobody has kept what still tiles showed.
+            // The light of static tiles was not kept.
             STILL => !self.follows && !self.partial && block == 0 && number == self.length,
             log2_stride => number.is_multiple_of(1 << log2_stride),
         }
@@ -151,7 +151,7 @@ impl Work<'_> {
             let layer = view * self.unit.instants + (block + 1) * self.length - 1;
             let before = match (kept, block) {
                 (Some(kept), 0) => (kept, view),
-                // Drawn, since nobody has it.
+                // It was not kept, and is drawn.
                 (None, 0) => continue,
                 _ => (&layers.texture, layer - self.length),
             };

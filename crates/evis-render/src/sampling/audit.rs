@@ -110,7 +110,7 @@ fn hash(numbers: [u64; 4]) -> u64 {
 }
 
 /// The tiles of a view that are audited in absolute block `block`: the `share` of the `audited` ones, one in ten with other
-/// samples. `own_work` is what the block takes without them. `pick` tells for a tile and a hashed number the instant, if there
+/// samples. `own_work` is what the block takes without them. `pick` gives for a tile and a hashed number the instant, if there
 /// is one, and what the tile takes there.
 pub fn choose(
     share: f64,

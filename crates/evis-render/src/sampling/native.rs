@@ -82,7 +82,7 @@ impl NativeSampler {
                 }
             }
         }
-        if watches && context.frame_data.watch.is_calm() {
+        if watches && context.frame_data.watch.any_static() {
             let count = views.len() as u32 * samples;
             let fits = |texture: &wgpu::Texture| {
                 let size = texture.size();

@@ -7,6 +7,7 @@
 
 use std::cell::OnceCell;
 
+use evis_scene::LensModel;
 use glam::{DMat3, DMat4, DVec2, DVec3};
 
 use crate::sampling::clusters::{Face, Hull, Pieces};
@@ -18,7 +19,6 @@ use crate::sampling::view_motion::{
 use crate::shadow::volume::{Lamp, extent};
 use crate::world::gpu_scene::GpuScene;
 use crate::world::image_bounds::{Area, Corners, bounds, corners, outline, seen};
-use crate::world::view::PixelLens;
 
 /// Cosine of the incidence below which a shadow is not taken to slide any farther: the light that it takes away there is as
 /// much less. On what is curved light comes in at every angle somewhere.
@@ -121,10 +121,10 @@ impl<'a> Scenery<'a> {
             return DVec2::ZERO;
         }
         let [(a, from), (b, to)] = [self.cameras[next - 1], self.cameras[next]];
+        let lens = self.view.lens;
         let see = |camera: &DMat4| {
-            let p = camera.transform_point3(point);
-            let [x, y] = self.view.lens.focal;
-            DVec2::new(x * p.x, -y * p.y) / (-p.z).max(0.5 * self.view.lens.near)
+            let place = lens.pinhole().project(lens.before_camera(camera.transform_point3(point)));
+            place.unwrap_or(DVec2::NAN)
         };
         (see(b) - see(a)) / (to - from)
     }
@@ -166,17 +166,6 @@ impl Motion {
         let own = Self::new(&steps);
         if own.rest < all.rest { own } else { all }
     }
-}
-
-/// How the picture of `point` goes when it goes along each of `ways`, in pixels per metre.
-fn go<const N: usize>(camera: &DMat4, lens: &PixelLens, point: DVec3, ways: [DVec3; N]) -> [DVec2; N] {
-    let p = camera.transform_point3(point);
-    let depth = (-p.z).max(0.5 * lens.near);
-    ways.map(|way| {
-        let v = camera.transform_vector3(way);
-        let [x, y] = lens.focal.map(|focal| focal / (depth * depth));
-        DVec2::new(x * (v.x * depth + p.x * v.z), -y * (v.y * depth + p.y * v.z))
-    })
 }
 
 /// Something in view, over the block.
@@ -398,8 +387,10 @@ fn speed(
         for (index, (camera, _)) in scenery.cameras.iter().enumerate() {
             let drift = scenery.drift(index, *point);
             let shake_px = scenery.shake_px(camera, *point);
-            let [across, up_px, right_px, ahead] =
-                go(camera, scenery.view.lens, *point, [way, up, right, along]);
+            let [across, up_px, right_px, ahead] = [way, up, right, along].map(|by| {
+                let [at, by] = [camera.transform_point3(*point), camera.transform_vector3(by)];
+                scenery.view.lens.image_motion(at, by)
+            });
             for slope in slopes {
                 // Along the light to where the surface is.
                 let known = drift + across + slope.dot(face.motion.way - way) * ahead;

@@ -10,8 +10,8 @@
 
 use std::sync::Arc;
 
-use evis_scene::Scene;
-use glam::{DMat4, DVec3};
+use evis_scene::{LensModel, Scene};
+use glam::{DMat4, DVec2, DVec3};
 
 use crate::gpu::uniforms::{LightRecord, ObjectRecord};
 use crate::sampling::clusters::{Hull, Pieces, pieces};
@@ -42,7 +42,7 @@ pub struct TileRates {
 }
 
 impl TileRates {
-    /// The same, if only some tiles are looked at.
+    /// The same, if only some tiles are rendered.
     pub fn restricted(mut self, only: Option<&Vec<bool>>) -> Self {
         for (log2_stride, _) in
             self.tiles.iter_mut().zip(only.into_iter().flatten()).filter(|(_, only)| !**only)
@@ -286,12 +286,13 @@ fn speed(view: &ViewMotion<'_>, track: &Track<'_>, deviations: &Deviations) -> f
             // What is behind the camera all the way is not seen.
             if !pairs().all(|(a, b)| is_behind(a) && is_behind(b)) {
                 for (a, b) in pairs() {
-                    fastest = fastest.max(match (view.lens.project(a), view.lens.project(b)) {
-                        (Some(p), Some(q)) if !is_behind(a) && !is_behind(b) => {
-                            (p[0] - q[0]).hypot(p[1] - q[1]) / (k - last) as f64
-                        }
-                        _ => f64::INFINITY,
-                    });
+                    fastest =
+                        fastest.max(match (view.lens.pinhole().project(a), view.lens.pinhole().project(b)) {
+                            (Some(p), Some(q)) if !is_behind(a) && !is_behind(b) => {
+                                (p.x - q.x).hypot(p.y - q.y) / (k - last) as f64
+                            }
+                            _ => f64::INFINITY,
+                        });
                 }
             }
         }
@@ -333,15 +334,8 @@ impl DepthGrid {
         let (columns, rows) = (2 * tile_columns + 1, 2 * tile_rows + 1);
         let half = f64::from(TILE) / 2.0;
         let ray = |x: u32, y: u32| {
-            let at = [
-                (f64::from(x) * half).min(f64::from(lens.width)),
-                (f64::from(y) * half).min(f64::from(lens.height)),
-            ];
-            DVec3::new(
-                (at[0] - lens.center[0]) / lens.focal[0],
-                (lens.center[1] - at[1]) / lens.focal[1],
-                -1.0,
-            )
+            let at = DVec2::new(f64::from(x) * half, f64::from(y) * half);
+            lens.pinhole().ray(at.min(DVec2::new(lens.width.into(), lens.height.into())))
         };
         let rays: Vec<DVec3> = (0..rows).flat_map(|y| (0..columns).map(move |x| ray(x, y))).collect();
         Self {
@@ -404,16 +398,16 @@ impl DepthGrid {
             let ends = (depths[0] <= depths[1]).then_some(depths);
             let finite = ends.into_iter().flatten().map(|depth| (ray * depth, 1.0));
             for (point, w) in finite.chain(sky.then_some((ray, 0.0))) {
-                let mut last = lens.project(ray);
+                let mut last = lens.pinhole().project(ray);
                 // At infinity offsets do not count.
                 let shake =
                     if w == 0.0 { deviations.speed.slope * ray.length() } else { deviations.speed.at(point) };
                 let shake_px = reach_px(std::iter::once(point), shake, lens);
                 for (instants, step) in steps {
                     let now = (*step * point.extend(w)).truncate();
-                    let now = if -now.z > 0.0 { lens.project(now) } else { None };
+                    let now = if -now.z > 0.0 { lens.pinhole().project(now) } else { None };
                     most = most.max(match (last, now) {
-                        (Some(a), Some(b)) => (a[0] - b[0]).hypot(a[1] - b[1]) / instants + shake_px,
+                        (Some(a), Some(b)) => (a.x - b.x).hypot(a.y - b.y) / instants + shake_px,
                         _ => f64::INFINITY,
                     });
                     last = now;

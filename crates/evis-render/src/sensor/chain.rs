@@ -205,9 +205,9 @@ pub struct ChainPasses {
 /// What a dispatch of the chain does.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Walk {
-    /// Counts every pixel's events; where times are shared, as far as it sleeps.
+    /// Counts every pixel's events; where times are shared, up to the first instant at which it is active.
     Count,
-    /// Counts, of pixels that wake at an instant, to where they wake next.
+    /// Counts, of pixels that are active at an instant, up to the next one at which they are.
     Wake(u32),
     /// Emits crowded pixels' events.
     Emit,
@@ -293,7 +293,7 @@ pub struct GroupChain {
     pub frozen: wgpu::TextureView,
     noises: Vec<Option<NoiseFeed>>,
     /// Where events wait for the bus, per view; empty where they leave at once.
-    pub wires: Vec<ReadoutQueue>,
+    pub readouts: Vec<ReadoutQueue>,
     width: u32,
     height: u32,
 }
@@ -367,29 +367,29 @@ impl GroupChain {
             .zip(views)
             .map(|(frozen, view)| NoiseFeed::new(&view.sensor, view.key, frozen))
             .collect();
-        let wire = |view: &&View| ReadoutQueue::new(&view.sensor.readout, view.key, width);
+        let readout = |view: &&View| ReadoutQueue::new(&view.sensor.readout, view.key, width);
         let at_once = views.iter().all(|view| view.sensor.readout.is_off());
-        let wires = if at_once { Vec::new() } else { views.iter().map(wire).collect() };
-        Self { views: buffer, frozen: whole(&texture), noises, wires, width, height }
+        let readouts = if at_once { Vec::new() } else { views.iter().map(readout).collect() };
+        Self { views: buffer, frozen: whole(&texture), noises, readouts, width, height }
     }
 
-    /// Takes what waits for the bus off the wires of those `views` that `beginning` names.
-    pub fn clear_wires(&mut self, views: &[&View], beginning: &[bool]) {
-        for ((wire, view), _) in
-            self.wires.iter_mut().zip(views).zip(beginning).filter(|(_, begins)| **begins)
+    /// Takes what waits for the bus off the readouts of those `views` that `beginning` names.
+    pub fn clear_readout(&mut self, views: &[&View], beginning: &[bool]) {
+        for ((readout, view), _) in
+            self.readouts.iter_mut().zip(views).zip(beginning).filter(|(_, begins)| **begins)
         {
-            *wire = ReadoutQueue::new(&view.sensor.readout, view.key, self.width);
+            *readout = ReadoutQueue::new(&view.sensor.readout, view.key, self.width);
         }
     }
 
-    /// Takes over noise, wires and what is frozen from `fresh`, which was made for the same views; those views that
-    /// `beginning` does not name keep their noise and their wires.
+    /// Takes over noise, readouts and what is frozen from `fresh`, which was made for the same views; those views that
+    /// `beginning` does not name keep their noise and their readouts.
     pub fn reset_views(&mut self, mut fresh: Self, beginning: &[bool]) {
         for (view, _) in beginning.iter().enumerate().filter(|(_, begins)| !**begins) {
             if let (Some(new), Some(old)) = (fresh.noises.get_mut(view), self.noises.get_mut(view)) {
                 std::mem::swap(new, old);
             }
-            if let (Some(new), Some(old)) = (fresh.wires.get_mut(view), self.wires.get_mut(view)) {
+            if let (Some(new), Some(old)) = (fresh.readouts.get_mut(view), self.readouts.get_mut(view)) {
                 std::mem::swap(new, old);
             }
         }

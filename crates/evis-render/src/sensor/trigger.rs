@@ -14,7 +14,7 @@ use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
 use crate::sensor::targets::Targets;
 
-/// No pixel of a chain has asked for events or woken yet.
+/// Clears what pixels of a chain report: no events, and none active yet.
 pub fn clear_tallies(encoder: &mut Commands, group: &Group) {
     if group.chain.is_some() {
         encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);

@@ -1,6 +1,6 @@
 //! What throws shadows, as trees of triangles that a fragment casts rays through.
 //!
-//! A shadow map tells light from dark where its texels agree. Along a shadow's border, where they do not, a ray decides
+//! A shadow map says whether a point is lit where its texels agree. Along a shadow's border, where they do not, a ray decides
 //! (`shaders/raster/occluders.wgsl`): borders are then as sharp as the geometry, at any size of the world.
 //! What never moves is one tree in world space, and sorted into the cells of the maps of lights that do not move either; each
 //! mesh that moves has a tree in its own space, and a matrix per instant.
@@ -69,7 +69,7 @@ fn moving(objects: &[Object]) -> Vec<(usize, Vec<usize>)> {
 }
 
 /// Why rays do not know the shadow of `object`; `None` where they do.
-pub fn hinders(scene: &Scene, object: &Object) -> Option<&'static str> {
+pub fn ray_shadow_obstacle(scene: &Scene, object: &Object) -> Option<&'static str> {
     if object.skin.is_some() || object.morph.is_some() {
         return Some("it deforms");
     }
@@ -89,7 +89,7 @@ impl Occluders {
     ) -> Result<Self, ConfigError> {
         let objects = &gpu_scene.objects;
         for object in objects {
-            if let Some(why) = hinders(scene, object) {
+            if let Some(why) = ray_shadow_obstacle(scene, object) {
                 let name = &scene.nodes[object.node].name;
                 let remedy =
                     format!("`maps` in this scene: rays do not know the shadow of {name:?}, since {why}");

@@ -251,7 +251,7 @@ pub fn alike(states: &[SceneState], nodes: &[usize]) -> Vec<u32> {
     numbers
 }
 
-/// Bounds of everything over the scene's duration, from samples in time. Where a host moves something, nobody knows how far it
+/// Bounds of everything over the scene's duration, from samples in time. Where a host moves something, it is not known how far it
 /// will go: half the diagonal more on each side. What leaves them throws no shadow of a directional light.
 pub fn scene_bounds(scene: &Scene) -> Option<(DVec3, DVec3)> {
     const SAMPLES: u32 = 64;

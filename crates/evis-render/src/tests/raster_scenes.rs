@@ -1,4 +1,4 @@
-//! Scenes that between them use everything that a surface can be, each small enough to be looked at ray by ray.
+//! Scenes that between them use everything that a surface can be, each small enough to be compared ray by ray.
 
 use std::f64::consts::PI;
 use std::sync::LazyLock;

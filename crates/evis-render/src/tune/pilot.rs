@@ -40,16 +40,16 @@ const REFERENCE_SAMPLES: u32 = 100;
 /// Times of the scene that are rendered, from its start to its end.
 pub const PLACES: usize = 3;
 
-/// How long it looks at each, at least and at most: in steps of the least, which are whole blocks of adaptive time.
+/// Stream rendered at each, at least and at most: in steps of the least, which are whole blocks of adaptive time.
 const LEAST_US: i64 = 16_000;
 
 const MOST_US: i64 = 256_000;
 
-/// How far half of the tiles that are looked at should move meanwhile: what samples miss shows as their places move over what
-/// is seen, so that for less motion all settings seem good.
+/// How far half of the rendered tiles should move meanwhile: what samples miss shows as they move over the scene, so that with
+/// less motion all settings seem good.
 const MOTION_PX: f64 = 2.0;
 
-/// Tiles, of all views together, that it looks at with the cheapest settings at each time.
+/// Tiles, of all views together, that are rendered with the cheapest settings at each time.
 const TILES: usize = 24;
 
 /// The same with all others: so many that about [`WANTED`] events fire.
@@ -258,7 +258,7 @@ impl<'a> Pilot<'a> {
         Ok(())
     }
 
-    /// What `config` renders, of the views that are looked at, with thresholds alone: what else a sensor does is the same for
+    /// What `config` renders, of the views that are rendered, with thresholds alone: what else a sensor does is the same for
     /// the same light.
     fn plain(&self, config: &RunConfig) -> RunConfig {
         let plain = |sensor: &SensorConfig| SensorConfig {
@@ -291,7 +291,7 @@ impl<'a> Pilot<'a> {
         self.choose_tiles(enough.clamp(LEAST_TILES, MOST_TILES));
     }
 
-    /// Tiles that it looks at, at all places.
+    /// Tiles that are rendered, at all places.
     pub fn tiles(&self) -> usize {
         self.places.iter().flat_map(|place| &place.only).flatten().filter(|only| **only).count()
     }
@@ -414,7 +414,7 @@ fn tile_of(event: &Event, columns: u32) -> usize {
 fn long_enough(speeds: &[Vec<f64>]) -> i64 {
     let mut moving: Vec<f64> = speeds.iter().flatten().copied().filter(|speed| *speed > 0.0).collect();
     moving.sort_by(f64::total_cmp);
-    // Where poses tell no speed it is infinite, and looks are short.
+    // Where the speed is not known it is infinite, and runs are short.
     let Some(middle) = moving.get(moving.len() / 2) else { return LEAST_US };
     let steps = (MOTION_PX / middle * 1e6 / LEAST_US as f64).ceil();
     (steps.max(1.0) as i64 * LEAST_US).min(MOST_US)
@@ -463,8 +463,7 @@ mod tests {
     }
 
     fn camera(width: u32, height: u32) -> CameraInfo {
-        let (fx, fy, cx, cy) = (1.0, 1.0, 0.0, 0.0);
-        CameraInfo { name: String::new(), width, height, fx, fy, cx, cy, distortion: None }
+        CameraInfo::uncalibrated("", (width, height))
     }
 
     /// `count` events at pixels of their own, 40 wide, `late_us` after 15 ms.

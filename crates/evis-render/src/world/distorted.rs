@@ -7,8 +7,8 @@
 
 use std::ops::Range;
 
-use evis_scene::{CalibratedLens, SceneError};
-use glam::{DMat2, DVec2, DVec3, Vec2};
+use evis_scene::{CalibratedLens, LensModel, SceneError};
+use glam::{DMat2, DVec2, Vec2};
 use rayon::prelude::*;
 
 use crate::world::pixel_lens::PixelLens;
@@ -167,14 +167,13 @@ impl Distorted {
 
     /// Where the camera shows what lies at `at` in the rendered picture.
     pub fn pixel(&self, at: [f64; 2]) -> Option<DVec2> {
-        let PixelLens { focal, center, .. } = &self.picture;
-        self.lens.project(DVec3::new((at[0] - center[0]) / focal[0], (center[1] - at[1]) / focal[1], -1.0))
+        self.lens.project(self.picture.pinhole().ray(at.into()))
     }
 
     /// Where in the rendered picture the camera sees its own `pixel`.
     pub fn source(&self, pixel: DVec2) -> Option<[f64; 2]> {
         let seen = self.lens.unproject(pixel)?;
-        self.picture.project(seen)
+        self.picture.pinhole().project(seen).map(Into::into)
     }
 
     /// The samples of every pixel. A pixel that the lens shows nothing in has none.
@@ -237,8 +236,8 @@ impl Distorted {
 
     /// Where the camera shows the middle of a cell of `size` at `at`, and the second moments of the cell there, in its pixels.
     fn cell(&self, at: [f64; 2], size: [f64; 2]) -> Option<(DVec2, DMat2)> {
-        let PixelLens { focal, center, .. } = &self.picture;
-        let ray = DVec3::new((at[0] - center[0]) / focal[0], (center[1] - at[1]) / focal[1], -1.0);
+        let focal = self.picture.focal;
+        let ray = self.picture.pinhole().ray(at.into());
         let (pixel, [dx, dy, _]) = self.lens.project_with_jacobian(ray)?;
         let sides = DMat2::from_cols(dx * (size[0] / focal[0]), dy * (size[1] / focal[1]));
         Some((pixel, sides * sides.transpose() * (1.0 / 12.0)))

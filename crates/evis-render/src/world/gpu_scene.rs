@@ -145,7 +145,7 @@ impl Surroundings {
 }
 
 impl GpuScene {
-    /// Uploads `scene`. `state` is the scene at the start: it tells which nodes mirror.
+    /// Uploads `scene`. `state` is the scene at the start: which nodes mirror follows from it.
     pub fn new(
         device: &wgpu::Device,
         queue: &wgpu::Queue,

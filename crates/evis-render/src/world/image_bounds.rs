@@ -1,5 +1,6 @@
 //! Parts of a picture: whole pixels, and where on the image plane things lie.
 
+use evis_scene::LensModel;
 use glam::{DMat4, DVec3};
 
 use crate::world::view::PixelLens;
@@ -163,8 +164,8 @@ pub fn outline(points: &[DVec3], camera_from_world: &DMat4, lens: &PixelLens, mu
     let points: Vec<DVec3> = points.iter().map(|p| camera_from_world.transform_point3(*p)).collect();
     let near = 0.5 * lens.near;
     let mut add = |point: DVec3| {
-        if let Some(at) = lens.project(point) {
-            add(at);
+        if let Some(at) = lens.pinhole().project(point) {
+            add(at.into());
         }
     };
     if points.iter().all(|p| -p.z >= near) {

@@ -1,8 +1,8 @@
 //! A pinhole lens in pixels: of what is rendered.
 
 use evis_core::CameraInfo;
-use evis_scene::Camera;
-use glam::{DMat4, DVec3, DVec4};
+use evis_scene::{Camera, LensModel, PinholeLens};
+use glam::{DMat4, DVec2, DVec3, DVec4};
 
 use crate::config::RunConfig;
 
@@ -27,6 +27,11 @@ impl PixelLens {
         let (width, height) = camera.pixels(config.size);
         let (focal, center) = camera.intrinsics((width, height));
         Self { width, height, focal, center, near: camera.near }
+    }
+
+    /// How it projects.
+    pub const fn pinhole(&self) -> PinholeLens {
+        PinholeLens { focal: self.focal, center: self.center }
     }
 
     /// Reverse z, infinite far plane: z_ndc = near / distance.
@@ -71,14 +76,17 @@ impl PixelLens {
         !(depth + radius < self.near || sides.into_iter().any(outside))
     }
 
-    /// Pixel coordinates of a point in camera space; `None` behind the camera.
-    pub fn project(&self, point: DVec3) -> Option<[f64; 2]> {
-        (point.z < 0.0).then(|| {
-            [
-                self.center[0] + self.focal[0] * point.x / -point.z,
-                self.center[1] - self.focal[1] * point.y / -point.z,
-            ]
-        })
+    /// How the picture of `point` moves, in pixels per metre, when it goes along `way`, both in camera space. What is nearer
+    /// than half of the near plane, or behind the camera, moves as it would there.
+    pub fn image_motion(&self, point: DVec3, way: DVec3) -> DVec2 {
+        let before = self.before_camera(point);
+        let Some((_, [x, y, z])) = self.pinhole().project_with_jacobian(before) else { return DVec2::NAN };
+        x * way.x + y * way.y + z * way.z
+    }
+
+    /// `point`, at half of the near plane where it is nearer or behind the camera.
+    pub fn before_camera(&self, point: DVec3) -> DVec3 {
+        point.with_z(point.z.min(-0.5 * self.near))
     }
 
     /// What a recording says of the camera.
@@ -111,11 +119,28 @@ mod tests {
             let clip = lens.clip_from_camera() * point.extend(1.0);
             let ndc = clip / clip.w;
             let pixel = [(ndc.x + 1.0) / 2.0 * 640.0, (1.0 - ndc.y) / 2.0 * 480.0];
-            let expected = lens.project(point).unwrap();
+            let expected = lens.pinhole().project(point).unwrap();
             assert!((pixel[0] - expected[0]).abs() < 1e-9 && (pixel[1] - expected[1]).abs() < 1e-9);
             assert!((clip.w + point.z).abs() < 1e-12, "w is planar depth");
             assert!((ndc.z - lens.near / -point.z).abs() < 1e-12, "reverse z");
         }
+    }
+
+    #[test]
+    fn image_motion_is_how_projections_differ() {
+        let lens = lens();
+        let (point, way) = (DVec3::new(0.3, -0.2, -2.0), DVec3::new(0.4, 0.1, 0.7));
+        let difference = |point: DVec3, way: DVec3| {
+            let at = |t: f64| lens.pinhole().project(point + way * t).unwrap();
+            (at(1e-6) - at(-1e-6)) / 2e-6
+        };
+        let motion = lens.image_motion(point, way);
+        assert!((motion - difference(point, way)).length() < 1e-5 * motion.length());
+        assert!((motion - difference(point, -way)).length() > 1.0, "canary");
+        // Nearer than half of the near plane, and behind the camera: as at half of the near plane.
+        let limit = lens.image_motion(point.with_z(-0.05), way);
+        assert_eq!(lens.image_motion(point.with_z(-0.01), way), limit);
+        assert_eq!(lens.image_motion(point.with_z(3.0), way), limit);
     }
 
     #[test]
@@ -132,8 +157,9 @@ mod tests {
                 let p = center + radius * DVec3::new(ring * a.cos(), b, ring * a.sin());
                 -p.z > lens.near
                     && lens
+                        .pinhole()
                         .project(p)
-                        .is_some_and(|[x, y]| (0.0..640.0).contains(&x) && (0.0..480.0).contains(&y))
+                        .is_some_and(|at| (0.0..640.0).contains(&at.x) && (0.0..480.0).contains(&at.y))
             });
             let kept = lens.may_see(center, radius);
             assert!(kept || !seen, "{center} {radius}");

@@ -21,7 +21,7 @@ pub fn tile_range(low: f64, high: f64, count: u32) -> Range<u32> {
     from as u32..to as u32
 }
 
-/// Rectangles that hold all squares of `side` pixels for which `active` is true and few others. `cost` tells what drawing
+/// Rectangles that hold all squares of `side` pixels for which `active` is true and few others. `cost` is what drawing
 /// one takes, in pixels.
 pub fn rects(
     active: impl Fn(u32, u32) -> bool,

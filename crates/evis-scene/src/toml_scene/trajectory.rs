@@ -32,7 +32,7 @@ fn timed(text: &str, format: Format) -> Result<Path, String> {
     let unit_s = format.unit_s.map_or_else(|| unit_of(text), |unit_s| Ok(Some(unit_s)))?;
     let path = parse(text, Format { unit_s, ..format })?;
     match &path {
-        Path::Keys { times, .. } if unit_s.is_none() => check_pace(times)?,
+        Path::Keys { times, .. } if unit_s.is_none() => check_spacing(times)?,
         _ => {}
     }
     Ok(path)
@@ -68,7 +68,7 @@ fn unit_of(text: &str) -> Result<Option<f64>, String> {
 }
 
 /// Refuses times that are probably not seconds.
-fn check_pace(times: &[f64]) -> Result<(), String> {
+fn check_spacing(times: &[f64]) -> Result<(), String> {
     let [first, .., last] = times else { return Ok(()) };
     let mean_s = (last - first) / (times.len() - 1) as f64;
     if mean_s > LONGEST_MEAN_STEP_S {

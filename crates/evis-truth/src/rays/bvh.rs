@@ -258,7 +258,7 @@ impl Bvh {
                     height += 1;
                 }
             };
-            // The nearer one last, to be looked at first.
+            // The nearer one last: it is visited first.
             match [lowest(left, *far), lowest(right, *far)] {
                 [Some(l), Some(r)] if l <= r => {
                     push(right, Some(r));

@@ -1,7 +1,7 @@
 //! Triangles in the world: morph targets, skins and node poses applied in f64.
 //!
 //! [`Matter`] is what does not change over time: still objects lie in one tree in the world, rigid ones each have a
-//! tree in their own space, and deforming ones are built anew for each instant. [`Geometry`] is matter at an instant.
+//! tree in their own space, and those of deforming ones are rebuilt for each instant. [`Geometry`] is matter at an instant.
 
 use std::sync::Arc;
 

@@ -1,6 +1,6 @@
 //! Cameras at one instant: a pinhole, and one whose lens is distorted.
 
-use evis_scene::CalibratedLens;
+use evis_scene::{CalibratedLens, LensModel, PinholeLens};
 use glam::{DMat4, DVec2, DVec3};
 
 /// Points along each side of a rectangle of the picture at which a distorted lens is asked for its rays.
@@ -64,15 +64,25 @@ pub struct Ray {
 }
 
 impl Pinhole {
+    /// Its lens.
+    pub const fn lens(&self) -> PinholeLens {
+        PinholeLens { focal: self.focal, center: self.center }
+    }
+
     /// The ray through image point `pixel`.
     pub fn ray(&self, pixel: [f64; 2]) -> Ray {
+        self.ray_through(&self.lens(), pixel)
+    }
+
+    /// The ray through image point `pixel` of `lens`, from this camera's place.
+    fn ray_through(&self, lens: &impl LensModel, pixel: [f64; 2]) -> Ray {
         let rotate = |v: DVec3| self.world_from_camera.transform_vector3(v);
-        let [x, y] =
-            [(pixel[0] - self.center[0]) / self.focal[0], (pixel[1] - self.center[1]) / self.focal[1]];
+        // All pixels are seen, as `Clock` checks; what lies beyond them and is not, meets nothing.
+        let (direction, per_pixel) = lens.planar_ray(pixel.into()).unwrap_or((DVec3::NAN, [DVec2::NAN; 2]));
         Ray {
             origin: self.world_from_camera.w_axis.truncate(),
-            direction: rotate(DVec3::new(x, -y, -1.0)),
-            per_pixel: [rotate(DVec3::X / self.focal[0]), rotate(DVec3::NEG_Y / self.focal[1])],
+            direction: rotate(direction),
+            per_pixel: per_pixel.map(|d| rotate(d.extend(0.0))),
         }
     }
 
@@ -96,10 +106,8 @@ impl Projection for Pinhole {
         Pinhole::ray(self, pixel)
     }
 
-    fn project_camera(&self, p: DVec3) -> Option<[f64; 2]> {
-        (p.z < 0.0).then(|| {
-            [self.center[0] + self.focal[0] * p.x / -p.z, self.center[1] - self.focal[1] * p.y / -p.z]
-        })
+    fn project_camera(&self, point: DVec3) -> Option<[f64; 2]> {
+        self.lens().project(point).map(Into::into)
     }
 
     fn corners(&self, [x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Option<[Ray; 4]> {
@@ -122,15 +130,9 @@ impl Projection for SceneCamera {
     }
 
     fn ray(&self, pixel: [f64; 2]) -> Ray {
-        let Some(lens) = &self.lens else { return self.pinhole.ray(pixel) };
-        let pose = &self.pinhole.world_from_camera;
-        let rotate = |v: DVec3| pose.transform_vector3(v);
-        // All pixels are seen, as `Clock` checks; what lies beyond them and is not, meets nothing.
-        let (direction, per_pixel) = lens.planar_ray(pixel.into()).unwrap_or((DVec3::NAN, [DVec2::NAN; 2]));
-        Ray {
-            origin: pose.w_axis.truncate(),
-            direction: rotate(direction),
-            per_pixel: per_pixel.map(|d| rotate(d.extend(0.0))),
+        match &self.lens {
+            None => self.pinhole.ray(pixel),
+            Some(lens) => self.pinhole.ray_through(lens, pixel),
         }
     }
 

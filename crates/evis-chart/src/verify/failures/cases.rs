@@ -1,4 +1,4 @@
-//! The rows: which shots each failure takes, and the number that tells it.
+//! The rows: which shots each failure takes, and the number that measures it.
 
 use evis_core::closed_form::convergence::power;
 use evis_core::metric::{MatchScore, Score};
@@ -14,7 +14,7 @@ use crate::error::ChartError;
 /// Part of a gap on either side of a keyframe in which a burst is looked for.
 const BURST_PART: f64 = 0.05;
 
-/// Radians per gap at which rotation is looked at.
+/// Radians per gap at which rotation is measured.
 const ANGLES: [f64; 3] = [0.1, 0.2, 0.4];
 
 /// Pixels of motion farther from an edge than which an event has nothing to do with it.

@@ -1,4 +1,4 @@
-//! What tells a failure: pure functions of a stream and a truth.
+//! How failures are detected: pure functions of a stream and a truth.
 
 use evis_core::metric::{self, Score, ScoreSettings};
 use evis_core::{Event, Region, Truth};
@@ -255,16 +255,7 @@ mod tests {
     }
 
     fn truth(events: Vec<Event>) -> Truth {
-        let camera = CameraInfo {
-            name: "c".into(),
-            width: 8,
-            height: 1,
-            fx: 1.0,
-            fy: 1.0,
-            cx: 4.0,
-            cy: 0.5,
-            distortion: None,
-        };
+        let camera = CameraInfo::uncalibrated("c", (8, 1));
         Truth::from_events(events, camera, SensorConfig::default(), 1.0, 1_000_000)
     }
 

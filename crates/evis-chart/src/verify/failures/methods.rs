@@ -50,7 +50,7 @@ impl NamedMethod {
         Self { setting, ..self.clone() }
     }
 
-    /// Keyframes per second; those of the others where it has none, so that the same windows are looked at.
+    /// Keyframes per second; those of the others where it has none, so that the same windows are compared.
     pub(super) fn keyframe_hz(&self) -> f64 {
         self.setting.splat.map_or(KEYFRAME_HZ, |splat| splat.scene_keyframe_hz())
     }

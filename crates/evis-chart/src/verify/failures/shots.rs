@@ -22,7 +22,7 @@ pub(super) const FOCAL: f64 = 100.0;
 /// Width and height of every shot.
 pub(super) const SIZE: [u32; 2] = [64, 48];
 
-/// A small scene and how it is looked at.
+/// A small scene and how it is rendered.
 #[derive(Clone, Debug)]
 pub(super) struct Shot {
     /// What happens in it.
@@ -37,11 +37,11 @@ pub(super) struct Shot {
     pub reference_luminance: f32,
     /// Keyframes per second, where the method's own are not what is asked about.
     pub keyframe_hz: Option<f64>,
-    /// How the engine tells shadow from light; `None` leaves it to the method.
+    /// How the engine finds shadows; `None` leaves it to the method.
     pub shadows: Option<Shadows>,
 }
 
-/// Every shot, by what tells it from the others.
+/// Every shot, by what sets it apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) enum ShotId {
     /// A lit picture slides while its lamp brightens and dims.
@@ -84,7 +84,7 @@ pub(super) enum ShotId {
     Refractory,
 }
 
-/// Keyframes per second at which rotation is looked at.
+/// Keyframes per second at which rotation is measured.
 pub(super) const TURN_HZ: f64 = 30.0;
 
 /// When the camera of [`ShotId::Cut`] jumps, in microseconds: inside a gap of 125, and of 30, keyframes per second.
@@ -96,7 +96,7 @@ pub(super) const REST_US: u32 = 3000;
 /// Pixels from the picture's middle at which the spot of [`ShotId::Slow`] circles.
 pub(super) const SPOT_RADIUS: f64 = 20.0;
 
-/// Columns of [`ShotId::Border`] that are looked at.
+/// Columns of [`ShotId::Border`] that are compared.
 const BORDER: u32 = 6;
 
 impl ShotId {

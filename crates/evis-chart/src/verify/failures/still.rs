@@ -8,7 +8,7 @@ use rayon::prelude::*;
 use crate::error::ChartError;
 use crate::verify::eye::Eye;
 
-/// Times at which every pixel is looked at.
+/// Times at which every pixel is compared.
 const TIMES: u32 = 64;
 /// Rays per pixel along each side, and how far from its middle they go, in pixels: a hair beyond the pixel, for what
 /// passes between two times.

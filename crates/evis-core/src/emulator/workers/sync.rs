@@ -8,15 +8,15 @@ use std::time::{Duration, Instant};
 pub(super) const LINGER: Duration = Duration::from_micros(20);
 
 /// Waiting that begins without sleeping.
-pub(super) struct Patience(Instant);
+pub(super) struct Backoff(Instant);
 
-impl Patience {
+impl Backoff {
     pub fn new() -> Self {
         Self(Instant::now())
     }
 
     /// Whether to go on without sleeping.
-    pub fn lasts(&self) -> bool {
+    pub fn spins(&self) -> bool {
         self.0.elapsed() < LINGER
     }
 
@@ -27,6 +27,6 @@ impl Patience {
 
     /// Waits a moment, and lets others run once it has lasted.
     pub fn wait(&mut self) {
-        if self.lasts() { self.spin() } else { std::thread::yield_now() }
+        if self.spins() { self.spin() } else { std::thread::yield_now() }
     }
 }

@@ -5,7 +5,7 @@
 
 use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 
-use super::sync::{AtomicBool, AtomicPtr, AtomicUsize, Ordering, Patience, is_panicking};
+use super::sync::{AtomicBool, AtomicPtr, AtomicUsize, Backoff, Ordering, is_panicking};
 
 /// What members share.
 #[derive(Debug)]
@@ -80,9 +80,9 @@ impl Table {
             let dropped = self.members.iter().map(|member| member.left.swap(0, Ordering::Relaxed)).sum();
             self.members[0].done.fetch_add(dropped, Ordering::Relaxed);
         }
-        let mut patience = Patience::new();
+        let mut backoff = Backoff::new();
         while self.members.iter().map(|member| member.done.load(Ordering::Acquire)).sum::<usize>() < items {
-            patience.wait();
+            backoff.wait();
         }
         let panicked = self.panicked.swap(false, Ordering::Relaxed);
         if let Err(panic) = here {
@@ -93,12 +93,12 @@ impl Table {
 
     /// Works as member `number` until there was nothing to do for a while.
     pub fn help(&self, number: usize) {
-        let mut patience = Patience::new();
-        while patience.lasts() {
+        let mut backoff = Backoff::new();
+        while backoff.spins() {
             // The thread that pushes reports it.
             match catch_unwind(AssertUnwindSafe(|| self.take(number))) {
-                Ok(false) => patience.spin(),
-                _ => patience = Patience::new(),
+                Ok(false) => backoff.spin(),
+                _ => backoff = Backoff::new(),
             }
         }
         self.members[number].present.store(false, Ordering::Release);

@@ -86,7 +86,7 @@ pub(super) struct Column {
 }
 
 impl Column {
-    /// Opens the data set `name`. One that has rows must be told where to go on by [`Column::resume`].
+    /// Opens the data set `name`. One that has rows continues where [`Column::resume`] says.
     pub fn open(store: &mut Store, name: &str) -> Result<Self, FormatError> {
         let address = store.find(name)?.ok_or_else(|| store.damaged(format!("it has no {name}")))?;
         let (messages, image) = store.header(address)?;
@@ -782,16 +782,7 @@ mod tests {
     #[test]
     fn the_chunk_index_grows_through_all_its_levels() {
         let path = std::env::temp_dir().join(format!("evis_index_{}.h5", std::process::id()));
-        let camera = CameraInfo {
-            name: "cam".into(),
-            width: 1,
-            height: 1,
-            fx: 1.0,
-            fy: 1.0,
-            cx: 0.5,
-            cy: 0.5,
-            distortion: None,
-        };
+        let camera = CameraInfo::uncalibrated("cam", (1, 1));
         let header = RecordingHeader {
             method: "native".into(),
             labels: vec![LabelKind::Depth],

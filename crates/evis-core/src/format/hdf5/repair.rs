@@ -406,16 +406,7 @@ mod tests {
 
     /// 150 000 events of a camera named cam.
     fn record(path: &Path) -> Vec<Event> {
-        let camera = CameraInfo {
-            name: "cam".into(),
-            width: 9,
-            height: 9,
-            fx: 1.0,
-            fy: 1.0,
-            cx: 1.0,
-            cy: 1.0,
-            distortion: None,
-        };
+        let camera = CameraInfo::uncalibrated("cam", (9, 9));
         let header = RecordingHeader { method: "native".into(), ..RecordingHeader::of(vec![camera]) };
         let events: Vec<_> = (0..150_000).map(|i| Event::new(i * 137, 1, 2, Polarity::Off)).collect();
         let mut writer = RecordingWriter::create(path, &header, true).unwrap();

@@ -39,16 +39,12 @@ impl Truth {
             FormatError::invalid(path, e.to_string(), "write a truth whose parts fit together")
         })?;
         let header = RecordingHeader {
-            cameras: vec![self.camera.clone()],
-            seed: 0,
             method: "truth".into(),
-            environment: 0,
             config_toml: config_toml(self).map_err(|e| {
                 FormatError::invalid(path, format!("the sensor cannot be stored: {e}"), "use finite settings")
             })?,
             duration_us: Some(self.duration_us),
-            t_offset_us: 0,
-            labels: Vec::new(),
+            ..RecordingHeader::of(vec![self.camera.clone()])
         };
         let mut writer = RecordingWriter::create_with(path, &header, overwrite, |file| fill(file, self))?;
         writer.write_events(0, &self.events)?;
@@ -103,7 +99,7 @@ impl Truth {
         }
         let (sensor, reference_luminance) = stored_sensor(&recording.header().config_toml, &info.name);
         let after_last = events.last().map_or(1, |e| e.t.saturating_add(1));
-        let duration_us = told_duration(recording)?.map_or(after_last, |told| told.max(after_last));
+        let duration_us = stated_duration(recording)?.map_or(after_last, |stated| stated.max(after_last));
         let truth = Self::from_events(events, info, sensor, reference_luminance, duration_us);
         truth.check().map_err(|e| {
             FormatError::corrupt(recording.path(), e.to_string(), "record it again, or copy it again")
@@ -149,8 +145,8 @@ pub fn stored_sensor(config_toml: &str, camera: &str) -> (SensorConfig, f64) {
     (sensor, run.get("reference_luminance").and_then(toml::Value::as_float).unwrap_or(f64::NAN))
 }
 
-/// Length in microseconds that the writer's report tells.
-pub(super) fn told_duration(recording: &Recording) -> Result<Option<i64>, FormatError> {
+/// Length in microseconds that the writer's report states.
+pub(super) fn stated_duration(recording: &Recording) -> Result<Option<i64>, FormatError> {
     let report = recording.report()?.and_then(|json| serde_json::from_str::<serde_json::Value>(&json).ok());
     let seconds = report.and_then(|r| r.get("stream_s")?.as_f64());
     Ok(seconds.filter(|s| (0.0..1.0e9).contains(s)).map(|s| (s * 1.0e6).round() as i64))

@@ -767,25 +767,12 @@ mod tests {
     use crate::event::Polarity;
 
     fn header() -> RecordingHeader {
-        let camera = CameraInfo {
-            name: "c".into(),
-            width: 40,
-            height: 30,
-            fx: 40.0,
-            fy: 40.0,
-            cx: 20.0,
-            cy: 15.0,
-            distortion: None,
-        };
+        let camera = CameraInfo::uncalibrated("c", (40, 30));
         RecordingHeader {
-            cameras: vec![camera],
             seed: 3,
             method: "native".into(),
-            environment: 0,
-            config_toml: String::new(),
             duration_us: Some(1_000_000),
-            t_offset_us: 0,
-            labels: Vec::new(),
+            ..RecordingHeader::of(vec![camera])
         }
     }
 

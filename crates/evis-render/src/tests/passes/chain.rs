@@ -165,9 +165,9 @@ fn run_with_lists(
         for (v, range) in offsets.windows(2).enumerate() {
             let mut fired =
                 unpack::events(&records[range[0] as usize..range[1] as usize], unit.base_us(grid), true);
-            match group.chain.as_mut().unwrap().wires.get_mut(v) {
-                Some(wire) => {
-                    wire.pass(&mut fired, unit.end_us(grid), &mut ran.events[v]);
+            match group.chain.as_mut().unwrap().readouts.get_mut(v) {
+                Some(readout) => {
+                    readout.pass(&mut fired, unit.end_us(grid), &mut ran.events[v]);
                 }
                 None => {
                     fired.sort_by_key(Event::order);

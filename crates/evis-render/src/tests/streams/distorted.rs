@@ -7,7 +7,7 @@ use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
 use evis_scene::procedural::{Pattern, Procedural};
-use evis_scene::{Camera, Distortion, Lens, Material, Rig, Scene, SceneState, Trs, rigid};
+use evis_scene::{Camera, Distortion, Lens, LensModel, Material, Rig, Scene, SceneState, Trs, rigid};
 use glam::{DVec2, DVec3};
 
 use evis_core::metric::{ScoreSettings, score};

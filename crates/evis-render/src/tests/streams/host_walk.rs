@@ -116,7 +116,7 @@ fn coverage_samples_reach_the_host_too() {
     assert!(stream(&gpu, &scene, &edges, 3_333) == with);
 }
 
-/// Pixels that see frames, of thresholds, of a chain with noise and a wire, and of a diffusion.
+/// Pixels that see frames, of thresholds, of a chain with noise and a bus, and of a diffusion.
 fn exposed() -> [RunConfig; 3] {
     let exposure = Exposure { time_us: 5_000, period_us: 7_001 };
     let mut noisy = SensorConfig::preset("v2e-noisy").unwrap();

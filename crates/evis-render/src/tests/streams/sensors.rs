@@ -15,7 +15,7 @@ use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::world::view;
 
-/// The spinner with a camera each for thresholds, a chain with a wire, a diffusion, a latch in another size, and again
+/// The spinner with a camera each for thresholds, a chain with a bus, a diffusion, a latch in another size, and again
 /// thresholds, with one of its own.
 fn rig() -> (Arc<Scene>, BTreeMap<String, SensorConfig>) {
     let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();

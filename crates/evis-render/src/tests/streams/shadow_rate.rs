@@ -224,7 +224,7 @@ impl Trial {
         ((y as u32 / TILE) * tiles_along(SIZE.0) + x as u32 / TILE) as usize
     }
 
-    /// Places whose light changes, and those of them in tiles that are not looked at.
+    /// Places whose light changes, and those of them in tiles that are not rendered.
     fn changes(&self, needs: &[f64]) -> (usize, usize) {
         let (mut changed, mut missed) = (0, 0);
         for (x, y) in (0..SIZE.1 / 2).flat_map(|y| (0..SIZE.0 / 2).map(move |x| (x, y))) {

@@ -7,9 +7,9 @@
 use std::path::PathBuf;
 
 use evis_core::event::slice_time;
-use evis_core::format::read_events;
 use evis_core::stats::{Stats, calibrate, static_scene, stats};
 use evis_core::{ConfigError, Event, SensorConfig};
+use evis_format::read_events;
 
 const RECORDINGS: [(&str, (u32, u32), &str); 2] = [
     ("dvxplorer_dark_640x480.npz", (640, 480), "dvxplorer-like"),
