@@ -94,7 +94,7 @@ def test_bad_input_is_told(tmp_path: Path) -> None:
     np.save(tmp_path / "bad.npy", codes().astype(np.int64))
     np.save(tmp_path / "order.npy", np.asfortranarray(codes()))
     out = tmp_path / "out.h5"
-    with pytest.raises(evis.FormatError, match="give --fps or --timestamps"):
+    with pytest.raises(evis.FormatError, match="give `fps` or `timestamps`"):
         evis.video(tmp_path / "in.npy", out)
     with pytest.raises(evis.FormatError, match="dtype '<i8'"):
         evis.video(tmp_path / "bad.npy", out, fps=30)

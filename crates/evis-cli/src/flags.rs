@@ -6,7 +6,7 @@ use evis_render::EngineError;
 use crate::failure::bad_input;
 
 /// Fields of a request, and the options that set them.
-const FLAGS: [(&str, &str); 31] = [
+const FLAGS: [(&str, &str); 32] = [
     ("animation", "--animation"),
     ("settings", "--settings"),
     ("sensor", "--sensor"),
@@ -38,6 +38,22 @@ const FLAGS: [(&str, &str); 31] = [
     ("threshold_on", "--threshold-on"),
     ("threshold_off", "--threshold-off"),
     ("log_eps", "--log-eps"),
+    ("device", "--device"),
+];
+
+/// What concerns files, films and charts, and the options that say it. No scene has such keys.
+const FILE_FLAGS: [(&str, &str); 11] = [
+    ("overwrite", "--force"),
+    ("memory_limit", "--memory-limit"),
+    ("allow_outside", "--allow-outside"),
+    ("fps", "--fps"),
+    ("timestamps", "--timestamps"),
+    ("transfer", "--transfer"),
+    ("upsampler", "--upsample"),
+    ("events_only", "--events-only"),
+    ("budget_ms", "--budget"),
+    ("target_f1", "--target-f1"),
+    ("rates_hz", "--rates"),
 ];
 
 /// `error` of a request, with options in place of fields.
@@ -54,8 +70,21 @@ fn flag(field: &str) -> Option<&'static str> {
     FLAGS.iter().find(|(known, _)| *known == field).map(|(_, flag)| *flag)
 }
 
-/// `text` with options in place of the fields that it names between backticks.
+/// `text` with options in place of the settings that it names between backticks.
 pub(crate) fn in_text(text: &str) -> String {
+    replaced(text, |field| flag(field).or_else(|| file_flag(field)))
+}
+
+/// `text` about a scene with options in place of [`FILE_FLAGS`]: all other names are keys of the scene.
+pub(crate) fn in_scene_text(text: &str) -> String {
+    replaced(text, file_flag)
+}
+
+fn file_flag(field: &str) -> Option<&'static str> {
+    FILE_FLAGS.iter().find(|(known, _)| *known == field).map(|(_, flag)| *flag)
+}
+
+fn replaced(text: &str, flag: impl Fn(&str) -> Option<&'static str>) -> String {
     let part = |(index, part): (usize, &str)| match (index % 2, flag(part)) {
         (0, _) => part.to_owned(),
         (_, Some(flag)) => flag.to_owned(),
@@ -78,6 +107,11 @@ mod tests {
             assert!(known.contains(&flag.trim_start_matches('-')), "{field}: {flag}");
         }
         assert!(!known.contains(&"rate-hz"), "canary");
+        let subs = command.get_subcommands().flat_map(|sub| sub.get_opts());
+        let all: Vec<_> = subs.filter_map(|arg| arg.get_long()).collect();
+        for (field, flag) in FILE_FLAGS {
+            assert!(all.contains(&flag.trim_start_matches('-')), "{field}: {flag}");
+        }
     }
 
     #[test]
@@ -88,5 +122,11 @@ mod tests {
         assert_eq!(told, "--exposure-ms is 5000 us; it must be left out, or given with --frame-rate, `x`");
         let scene = named(evis_scene::SceneError::Rule("`rate_hz`".into()).into()).to_string();
         assert!(scene.contains("`rate_hz`"), "what is no setting keeps its names: {scene}");
+        assert_eq!(
+            in_text("raise `rate_hz`, or allow it (`overwrite`)"),
+            "raise --rate, or allow it (--force)"
+        );
+        let scene = in_scene_text("`rate_hz` is no key; `allow_outside` does so");
+        assert_eq!(scene, "`rate_hz` is no key; --allow-outside does so");
     }
 }
