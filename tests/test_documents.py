@@ -239,7 +239,7 @@ def known_options() -> frozenset[str]:
 
 
 def options_in_messages(text: str) -> list[str]:
-    """Return options that string literals of Rust or Python name, but for those of whole commands between backticks."""
+    """Return options that string literals name, but for those of whole commands between backticks."""
     text = re.split(r"#\[cfg\(test\)\]\s*(?:#\[[^\n]*\]\s*)*mod tests", text)[0]
     text = re.sub(r"(?m)(?:^|\s)//.*$|^\s*#.*$", "", re.sub(r'"""(?s:.*?)"""', "", text))
     literals = re.findall(r'"((?:[^"\\]|\\.)*)"', text, re.DOTALL)

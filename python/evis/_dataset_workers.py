@@ -194,7 +194,9 @@ def _ray() -> Any:
     try:
         import ray
     except ImportError as error:
-        raise ConfigError("a Ray cluster needs the package ray; install it: pip install 'evis[ray]'") from error
+        raise ConfigError(
+            "a Ray cluster needs the package ray; install it: pip install 'evis[ray]'"
+        ) from error
     return ray
 
 

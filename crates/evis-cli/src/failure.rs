@@ -8,7 +8,7 @@ use evis_render::EngineError;
 use evis_truth::TruthError;
 use evis_video::VideoError;
 
-use crate::flags;
+use crate::options;
 
 /// Something that the user can put right: exit code 2.
 #[derive(Debug)]
@@ -36,7 +36,7 @@ pub(crate) fn describe(error: &anyhow::Error) -> String {
             || matches!(cause.downcast_ref(), Some(TruthError::Scene(_)))
             || matches!(cause.downcast_ref(), Some(ChartError::Scene(_)))
     });
-    let named = if of_scene { flags::in_scene_text } else { flags::in_text };
+    let named = if of_scene { options::in_scene_text } else { options::in_text };
     let mut text = String::new();
     for cause in error.chain() {
         let cause = named(&cause.to_string());

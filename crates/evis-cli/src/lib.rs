@@ -14,6 +14,7 @@ mod info;
 mod interrupt;
 mod label_picture;
 mod list;
+mod options;
 mod outputs;
 mod picture;
 mod preview;

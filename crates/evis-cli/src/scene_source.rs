@@ -5,7 +5,7 @@ use std::path::Path;
 use evis_scene::source::Opening;
 use evis_scene::{Scene, SceneError, SceneState, builtin};
 
-use crate::flags;
+use crate::options;
 
 /// Names of the built-in scenes, each with what it shows.
 pub(crate) fn builtins() -> &'static [(&'static str, &'static str)] {
@@ -27,7 +27,7 @@ pub(crate) fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError>
     }
     let mut scene = evis_physics::open(source, opening)?;
     for warning in &mut scene.warnings {
-        *warning = flags::in_text(warning);
+        *warning = options::in_text(warning);
     }
     Ok(scene)
 }

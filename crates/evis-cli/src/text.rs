@@ -18,7 +18,7 @@ pub(crate) fn complain(text: &str) {
 
 /// Writes a warning of a library, with options in place of settings.
 pub(crate) fn warn(warning: &str) {
-    complain(&format!("warning: {}", crate::flags::in_text(warning)));
+    complain(&format!("warning: {}", crate::options::in_text(warning)));
 }
 
 /// Writes `value` as indented JSON to standard output.
