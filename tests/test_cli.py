@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 import evis
+from evis import _commands
 
 
 def run(*args: str) -> subprocess.CompletedProcess[str]:
@@ -33,6 +34,14 @@ def test_the_command_is_installed():
 def test_bad_input_exits_with_2():
     assert run("run", "no-such-scene", "-o", "out.h5").returncode == 2
     assert run("no-such-command").returncode == 2
+
+
+def test_near_names_of_commands_in_python_are_suggested():
+    for name in _commands.COMMANDS:
+        done = run(f"{name}x", "a.h5")
+        assert done.returncode == 2
+        assert f"'{name}'" in done.stderr, "PYTHON_COMMANDS of evis-cli lists the commands in Python"
+    assert "tip" not in run("xyzzy").stderr  # canary
 
 
 def test_scenes_are_listed():

@@ -201,7 +201,7 @@ def test_a_folder_of_another_specification_is_refused(made: dataset.Dataset, tmp
     folder = tmp_path / "out"
     shutil.copytree(made.folder, folder)
     other = spec_in(tmp_path, SPEC.replace("duration_s = 0.03", "duration_s = 0.02"))
-    with pytest.raises(evis.ConfigError, match=r"from another specification.*--force"):
+    with pytest.raises(evis.ConfigError, match=r"from another specification.*overwrite=True"):
         dataset.make(other, folder, workers=0)
     assert shards(folder).keys() == shards(made.folder).keys()
     replaced = dataset.make(other, folder, workers=0, overwrite=True)

@@ -238,6 +238,43 @@ def known_options() -> frozenset[str]:
     return frozenset(found.union(*OTHER_OPTIONS.values()))
 
 
+def options_in_messages(text: str) -> list[str]:
+    """Return options that string literals name, but for those of whole commands between backticks."""
+    text = re.split(r"#\[cfg\(test\)\]\s*(?:#\[[^\n]*\]\s*)*mod tests", text)[0]
+    text = re.sub(r"(?m)(?:^|\s)//.*$|^\s*#.*$", "", re.sub(r'"""(?s:.*?)"""', "", text))
+    literals = re.findall(r'"((?:[^"\\]|\\.)*)"', text, re.DOTALL)
+    return [
+        option
+        for literal in literals
+        for option in re.findall(r"(?<![\w-])--[a-z][a-z0-9-]*", re.sub(r"`[^`]* [^`]*`", "", literal))
+    ]
+
+
+# What makes command lines, and the commands themselves.
+COMMAND_LINES = (
+    "crates/evis-chart/src/ladder.rs",
+    "crates/evis-chart/src/recommend.rs",
+    "crates/evis-cli/",
+    "crates/evis-core/src/sensor/preset.rs",
+    "python/evis/__main__.py",
+    "python/evis/_commands.py",
+)
+
+
+def test_messages_of_libraries_name_settings_and_no_options() -> None:
+    files = [*ROOT.glob("crates/*/src/**/*.rs"), *ROOT.glob("python/evis/*.py")]
+    checked = 0
+    for file in files:
+        name = file.relative_to(ROOT).as_posix()
+        if name.startswith(COMMAND_LINES) or "/tests" in name:
+            continue
+        assert options_in_messages(file.read_text("utf-8")) == [], f"{name}: Rust and Python have settings"
+        checked += 1
+    assert checked > 200
+    planted = 'f("allow it (--force), or `info --repair`"); // "--why"'
+    assert options_in_messages(planted) == ["--force"], "canary"
+
+
 def wrong_options(text: str) -> list[str]:
     return sorted(set(re.findall(OPTION, text)) - known_options())
 

@@ -83,6 +83,21 @@ def test_integers_of_both_widths_agree(transfer: Any) -> None:
     np.testing.assert_array_equal(streams[0], streams[1])
 
 
+def test_frames_with_nan_are_warned_of_once_and_counted() -> None:
+    frame = np.full((3, 4), 0.5, np.float32)
+    emulator = evis.EventEmulator(4, 3)
+    emulator.push(frame, 0)
+    frame[1, 2] = np.nan
+    with pytest.warns(UserWarning, match=r"frames hold NaN \(1 values at 1000 us\)") as told:
+        emulator.push(frame, 1000)
+    assert told[0].filename == __file__
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        emulator.push(frame, 2000)
+    assert emulator.report.unknown == 1
+    assert emulator.total_report.unknown == 2
+
+
 def test_rgb_is_luminance() -> None:
     weights = np.array([0.2126, 0.7152, 0.0722])
     rng = np.random.default_rng(1)

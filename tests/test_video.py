@@ -94,7 +94,7 @@ def test_bad_input_is_told(tmp_path: Path) -> None:
     np.save(tmp_path / "bad.npy", codes().astype(np.int64))
     np.save(tmp_path / "order.npy", np.asfortranarray(codes()))
     out = tmp_path / "out.h5"
-    with pytest.raises(evis.FormatError, match="give --fps or --timestamps"):
+    with pytest.raises(evis.FormatError, match="give `fps` or `timestamps`"):
         evis.video(tmp_path / "in.npy", out)
     with pytest.raises(evis.FormatError, match="dtype '<i8'"):
         evis.video(tmp_path / "bad.npy", out, fps=30)
@@ -131,7 +131,10 @@ def test_a_film_has_its_own_times(tmp_path: Path) -> None:
     make = f"{ffmpeg} -v error -f rawvideo -pix_fmt gray -s {WIDTH}x{HEIGHT} -r 25 -i pipe:0 -c:v ffv1"
     subprocess.run([*make.split(), "-pix_fmt", "bgr0", str(film)], input=codes().tobytes(), check=True)
     report = evis.video(film, tmp_path / "out.h5", transfer="srgb")
-    assert (report.frames, report.kind, report.warnings) == (COUNT, "film", ())
+    assert (report.frames, report.kind) == (COUNT, "film")
+    assert len(report.warnings) == 1
+    assert "frames come at 25 Hz" in report.warnings[0]
+    assert "`upsampler` puts frames between" in report.warnings[0]
     times = [40_000 * k for k in range(COUNT)]
     want = expected(np.repeat(codes()[..., None], 3, axis=3), times)
     np.testing.assert_array_equal(evis.load(tmp_path / "out.h5").events.to_numpy(), want)

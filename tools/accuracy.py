@@ -140,7 +140,7 @@ def main(evis: str, *, fill_only: bool) -> None:
         texts[name] = kept.read_text(encoding="utf-8")
     reports = {name: Report(text) for name, text in texts.items() if name.startswith("spinner")}
     for name in ("spinner-640x480", "spinner-160x120"):
-        shown = f"```sh\nevis-rs {COMMANDS[name]}\n```\n\n{reports[name].head}\n\n{reports[name].table()}"
+        shown = f"```sh\nevis {COMMANDS[name]}\n```\n\n{reports[name].head}\n\n{reports[name].table()}"
         page = fill(page, name, shown)
     PAGE.write_text(page, encoding="utf-8")
     planned = planning(reports["spinner-160x120"], reports["spinner-640x480"])

@@ -181,7 +181,7 @@ def run_evaluate(arguments: Sequence[str]) -> int:
         else:
             found = _evaluated(task, source, network, scene_settings, settings)
     except (EvisError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        _complain(error)
         return 2
     print(found.to_json(indent=2) if as_json else found)
     if found.controls_fail is False:
@@ -441,12 +441,27 @@ COMMANDS: dict[str, Callable[[Sequence[str]], int]] = {
 """What runs each command, and returns its exit code."""
 
 
+_OPTIONS = {
+    "overwrite=True": "--force",
+    "save='OUT.rrd'": "--save OUT.rrd",
+}
+"""Python's arguments in messages, and the options that set them here."""
+
+
+def _complain(error: Exception) -> None:
+    """Print an error, with options in place of Python's arguments."""
+    text = str(error)
+    for argument, option in _OPTIONS.items():
+        text = text.replace(argument, option)
+    print(f"error: {text}", file=sys.stderr)
+
+
 def run(name: str, arguments: Sequence[str]) -> int:
     """Run a command and return its exit code: 2 for input that can be put right, 130 after Ctrl-C."""
     try:
         return COMMANDS[name](arguments)
     except (EvisError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
+        _complain(error)
         return 2
     except KeyboardInterrupt:
         print("interrupted", file=sys.stderr)

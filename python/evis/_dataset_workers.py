@@ -194,7 +194,9 @@ def _ray() -> Any:
     try:
         import ray
     except ImportError as error:
-        raise ConfigError("--ray needs the package ray; install it: pip install 'evis[ray]'") from error
+        raise ConfigError(
+            "a Ray cluster needs the package ray; install it: pip install 'evis[ray]'"
+        ) from error
     return ray
 
 
@@ -207,8 +209,8 @@ def _check_address(address: str) -> None:
         socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
     except (OSError, OverflowError) as error:
         raise ConfigError(
-            f"there is no Ray cluster at {address} ({error}); start one with ray start --head, and give the "
-            "address that it prints"
+            f"there is no Ray cluster at {address} ({error}); start one (`ray start --head`), and give "
+            "the address that it prints"
         ) from None
 
 
@@ -256,7 +258,7 @@ def on_ray(
             ray.init(address=address, **options)
         except ConnectionError as error:
             raise ConfigError(
-                f"there is no Ray cluster at {address} ({error}); start one: ray start --head"
+                f"there is no Ray cluster at {address} ({error}); start one: `ray start --head`"
             ) from None
     try:
         task = ray.remote(num_cpus=1, max_retries=RETRIES)(_remote_shard)

@@ -278,8 +278,9 @@ class EventEmulator(Generic[Out]):
             Shape (H, W), (H, W, 3) or (H, W, 4), whose alpha is left out; with a batch (N, ...). dtype
             float32 (linear light, or its logarithm), uint8 or uint16. C-contiguous arrays of these are not
             copied; others, float16, float64 and arrays with alpha are, which `report` counts. NaN means
-            unknown: the pixel keeps its state. A warning asks whether floats are 0 to 255 where the first
-            ones are beyond 16 times ``reference_luminance`` on average.
+            unknown: the pixel keeps its state, which is warned of once and counted in `report`. A warning
+            asks whether floats are 0 to 255 where the first ones are beyond 16 times
+            ``reference_luminance`` on average.
         t_us : int
             Time in microseconds, above that of the last push.
         transfer : {"linear", "log", "srgb", "rec709", "gamma"}, optional

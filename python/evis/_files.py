@@ -371,7 +371,7 @@ def _read_foreign(
 ) -> Any:
     """Read an HDF5 file that EVIS's own reader refused with ``error``."""
     # A recording of EVIS that is damaged also resembles other programs' layouts, and is not read as one.
-    if "--repair" in str(error) or "report" in str(error):
+    if "`info --repair`" in str(error) or "report" in str(error):
         raise error
     try:
         return _io.read_all(path, camera, width, height)

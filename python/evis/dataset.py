@@ -206,7 +206,7 @@ def _finished(shards: Sequence[ShardPlan], place: Path, overwrite: bool) -> dict
             if not overwrite:
                 raise ConfigError(
                     f"{place / shard.name}.h5 was made from another specification, or by another version of "
-                    "EVIS; choose another folder, or overwrite it (--force, overwrite=True)"
+                    "EVIS; choose another folder, or overwrite it (overwrite=True)"
                 )
             continue
         file = place / described["file"]

@@ -498,8 +498,8 @@ def _images(view: RecordedView, kinds: Sequence[str]) -> RecordedLabels:
         if kind in view.labels and len(view.labels[kind]) > 1:
             return view.labels[kind]
     raise ConfigError(
-        f"camera '{view.camera.name}' has no {' or '.join(kinds)} images; record them: evis run SCENE "
-        f"-o OUT.h5 --labels depth,flow,hdr"
+        f"camera '{view.camera.name}' has no {' or '.join(kinds)} images; record it with the labels "
+        "depth, flow and hdr"
     )
 
 

@@ -321,7 +321,7 @@ def _spawn(stream: Any) -> None:
     except RuntimeError as error:
         reason = str(error).partition("\n")[0]
         raise ConfigError(
-            f"the viewer did not open: {reason}; write a file instead, with --save OUT.rrd"
+            f"the viewer did not open: {reason}; write a file instead (save='OUT.rrd')"
         ) from error
     finally:
         os.environ["PATH"] = before
@@ -366,8 +366,8 @@ def view(
     display = any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
     if path is None and sys.platform == "linux" and not display:
         raise ConfigError(
-            "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set); write a file instead, with "
-            "--save OUT.rrd, and open it where there is one"
+            "there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set); write a file instead "
+            "(save='OUT.rrd'), and open it where there is one"
         )
     if path is not None and path.suffix.lower() != ".rrd":
         raise ConfigError(f"save is {_check.shown(str(path))}; files for Rerun's viewer end with .rrd")

@@ -379,7 +379,7 @@ impl Ladder {
             return Err(ConfigError::new(
                 "ladder",
                 "empty",
-                "at least one setting: give --rates and --samples, or leave the published settings in",
+                "at least one setting: give `rates_hz` and `samples`, or leave the published settings in",
             ));
         }
         Ok(all)

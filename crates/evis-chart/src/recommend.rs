@@ -89,8 +89,8 @@ impl SceneChart {
                 let within = front.iter().rev().find(|&&i| places[i].cost <= ms).copied();
                 let chosen = within.ok_or_else(|| {
                     ChartError::Unreachable(format!(
-                        "no setting measured on {} costs at most {budget}; the cheapest is {}; raise --budget, or \
-                         measure lower --rates",
+                        "no setting measured on {} costs at most {budget}; the cheapest is {}; raise `budget_ms`, or \
+                         measure lower `rates_hz`",
                         self.scene,
                         told(cheapest)
                     ))
@@ -102,7 +102,7 @@ impl SceneChart {
                 let chosen = reached.ok_or_else(|| {
                     ChartError::Unreachable(format!(
                         "no setting measured on {} reaches F1 {target} within {}; the most accurate is {}; lower \
-                         --target-f1, or measure higher --rates or --samples",
+                         `target_f1`, or measure higher `rates_hz` or more `samples`",
                         self.scene,
                         tolerance(lens.tolerance_us),
                         told(best)

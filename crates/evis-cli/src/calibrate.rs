@@ -35,7 +35,7 @@ pub(crate) fn calibrate(args: &CalibrateArgs) -> anyhow::Result<i32> {
         let file = read(path)?;
         let made: Calibration = fit(&file.events, file.size, file.range, &base, args.seed.unwrap_or(0))?;
         for warning in &made.warnings {
-            text::complain(&format!("warning: {warning}"));
+            text::warn(warning);
         }
         return tell(args, &names, &made.sensor, &made, &made.to_string());
     }

@@ -135,7 +135,7 @@ fn measure(args: &ChartArgs) -> anyhow::Result<(ChartResult, Ended)> {
         }
         for warning in scene.warnings.iter().chain(&scene_source::at_rest(&scene, settings.camera.as_slice()))
         {
-            text::complain(&format!("warning: {warning}"));
+            text::warn(warning);
         }
         // What a chart is called says what was changed.
         let animation = args.animation.animation.as_ref().map(|animation| format!(", animation {animation}"));

@@ -8,6 +8,8 @@ use evis_render::EngineError;
 use evis_truth::TruthError;
 use evis_video::VideoError;
 
+use crate::options;
+
 /// Something that the user can put right: exit code 2.
 #[derive(Debug)]
 pub(crate) struct BadInput(String);
@@ -25,11 +27,19 @@ pub(crate) fn bad_input(message: impl Into<String>) -> anyhow::Error {
     anyhow::Error::new(BadInput(message.into()))
 }
 
-/// The message with its causes. Library messages often quote their cause already; it is not said twice.
+/// The message with its causes, with options in place of settings. Library messages often quote their cause already; it is not
+/// said twice.
 pub(crate) fn describe(error: &anyhow::Error) -> String {
+    let of_scene = error.chain().any(|cause| {
+        cause.is::<evis_scene::SceneError>()
+            || matches!(cause.downcast_ref(), Some(EngineError::Scene(_)))
+            || matches!(cause.downcast_ref(), Some(TruthError::Scene(_)))
+            || matches!(cause.downcast_ref(), Some(ChartError::Scene(_)))
+    });
+    let named = if of_scene { options::in_scene_text } else { options::in_text };
     let mut text = String::new();
     for cause in error.chain() {
-        let cause = cause.to_string();
+        let cause = named(&cause.to_string());
         if text.is_empty() {
             text = cause;
         } else if !text.contains(&cause) {
@@ -107,6 +117,15 @@ mod tests {
         let scene = evis_scene::SceneError::Io { path: "a.glb".into(), source: io };
         let error = anyhow::Error::new(scene).context("while loading");
         assert_eq!(describe(&error), "while loading: cannot read a.glb: disk on fire");
+    }
+
+    #[test]
+    fn errors_name_options() {
+        let exists = evis_core::format::FormatError::Exists { path: "a.h5".into() };
+        let told = describe(&anyhow::Error::new(exists));
+        assert_eq!(told, "a.h5 exists already; choose another name, or allow overwriting (--force)");
+        let scene = evis_scene::SceneError::Rule("`start` is no key of a camera".into());
+        assert_eq!(describe(&EngineError::Scene(scene).into()), "`start` is no key of a camera");
     }
 
     #[test]

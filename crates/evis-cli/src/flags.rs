@@ -1,44 +1,10 @@
-//! Settings by the names that they have on the command line.
+//! Errors of requests, with the names that settings have on the command line.
 
 use evis_core::ConfigError;
 use evis_render::EngineError;
 
 use crate::failure::bad_input;
-
-/// Fields of a request, and the options that set them.
-const FLAGS: [(&str, &str); 31] = [
-    ("animation", "--animation"),
-    ("settings", "--settings"),
-    ("sensor", "--sensor"),
-    ("set", "--set"),
-    ("quality", "--quality"),
-    ("method", "--method"),
-    ("rate_hz", "--rate"),
-    ("adaptive_px", "--adaptive"),
-    ("samples", "--samples"),
-    ("antialias", "--antialias"),
-    ("texture_taps", "--texture-taps"),
-    ("shadows", "--shadows"),
-    ("shadow_map", "--shadow-map"),
-    ("keyframe_hz", "--keyframe-rate"),
-    ("steps", "--steps"),
-    ("margin", "--margin"),
-    ("audit", "--audit"),
-    ("cameras", "--camera"),
-    ("size", "--size"),
-    ("start", "--start"),
-    ("seed", "--seed"),
-    ("labels", "--labels"),
-    ("label_rate_hz", "--label-rate"),
-    ("frame_rate_hz", "--frame-rate"),
-    ("exposure_us", "--exposure-ms"),
-    ("camera_motion", "--camera-motion"),
-    ("camera_speed", "--camera-speed"),
-    ("reference_luminance", "--reference-luminance"),
-    ("threshold_on", "--threshold-on"),
-    ("threshold_off", "--threshold-off"),
-    ("log_eps", "--log-eps"),
-];
+use crate::options::{flag, in_text};
 
 /// `error` of a request, with options in place of fields.
 pub(crate) fn named(error: EngineError) -> anyhow::Error {
@@ -50,35 +16,9 @@ pub(crate) fn named(error: EngineError) -> anyhow::Error {
     }
 }
 
-fn flag(field: &str) -> Option<&'static str> {
-    FLAGS.iter().find(|(known, _)| *known == field).map(|(_, flag)| *flag)
-}
-
-/// `text` with options in place of the fields that it names between backticks.
-pub(crate) fn in_text(text: &str) -> String {
-    let part = |(index, part): (usize, &str)| match (index % 2, flag(part)) {
-        (0, _) => part.to_owned(),
-        (_, Some(flag)) => flag.to_owned(),
-        (_, None) => format!("`{part}`"),
-    };
-    text.split('`').enumerate().map(part).collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn every_flag_is_an_option_of_run() {
-        let mut command = crate::args::help::command("evis-rs");
-        command.build();
-        let run = command.find_subcommand("run").unwrap();
-        let known: Vec<_> = run.get_opts().filter_map(|arg| arg.get_long()).collect();
-        for (field, flag) in FLAGS {
-            assert!(known.contains(&flag.trim_start_matches('-')), "{field}: {flag}");
-        }
-        assert!(!known.contains(&"rate-hz"), "canary");
-    }
 
     #[test]
     fn messages_name_options() {

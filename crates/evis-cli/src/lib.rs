@@ -14,6 +14,7 @@ mod info;
 mod interrupt;
 mod label_picture;
 mod list;
+mod options;
 mod outputs;
 mod picture;
 mod preview;
@@ -36,6 +37,8 @@ mod warnings;
 use std::path::Path;
 
 use clap::FromArgMatches;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use evis_core::LabelKind;
 use evis_video::{Upsampler, VideoError};
 
 use crate::args::{Cli, Command};
@@ -99,6 +102,37 @@ pub fn run_with(args: Vec<String>, upsampler: &MakeUpsampler) -> i32 {
     }
 }
 
+/// Commands of the Python package, which `evis` runs itself. A test compares them.
+const PYTHON_COMMANDS: [&str; 4] = ["evaluate", "view", "plot", "dataset"];
+
+/// `error` with what was probably meant, where clap does not say it.
+fn hinted(mut error: clap::Error, command: &clap::Command, args: &[String]) -> clap::Error {
+    let is_label = |word: &&String| LabelKind::WORDS.iter().any(|(label, _)| label == word);
+    let of_labels = args.iter().position(|arg| arg == "--labels").map(|at| &args[at + 1..]);
+    let labels: Vec<_> = of_labels.into_iter().flatten().take_while(is_label).map(String::as_str).collect();
+    let given = args.get(1).map_or("", String::as_str);
+    match error.kind() {
+        ErrorKind::UnknownArgument if labels.len() > 1 => {
+            let tip = format!("labels are one list: --labels {}", labels.join(","));
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+        }
+        ErrorKind::InvalidSubcommand if PYTHON_COMMANDS.contains(&given) => {
+            error.remove(ContextKind::SuggestedSubcommand);
+            let tip = format!("`evis {given}` is a command of the Python package");
+            error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
+        }
+        ErrorKind::InvalidSubcommand => {
+            let known = command.get_subcommands().map(clap::Command::get_name).chain(PYTHON_COMMANDS);
+            if let Some(near) = evis_core::limits::nearest(given, known) {
+                let near = ContextValue::Strings(vec![near.to_owned()]);
+                error.insert(ContextKind::SuggestedSubcommand, near);
+            }
+        }
+        _ => {}
+    }
+    error
+}
+
 fn parse(args: Vec<String>) -> Result<(Cli, &'static str), clap::Error> {
     // The wheel installs the same program as `evis`; `--version` then says so too.
     let called_evis = args
@@ -110,6 +144,7 @@ fn parse(args: Vec<String>) -> Result<(Cli, &'static str), clap::Error> {
     if args.iter().any(|arg| arg == "-h") {
         command = args::help::with_short_help(command);
     }
-    let matches = command.try_get_matches_from(args)?;
+    let matches =
+        command.clone().try_get_matches_from(&args).map_err(|error| hinted(error, &command, &args))?;
     Ok((Cli::from_arg_matches(&matches)?, name))
 }

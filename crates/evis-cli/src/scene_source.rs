@@ -3,9 +3,9 @@
 use std::path::Path;
 
 use evis_scene::source::Opening;
-use evis_scene::{Scene, SceneError, builtin};
+use evis_scene::{Scene, SceneError, SceneState, builtin};
 
-use crate::flags;
+use crate::options;
 
 /// Names of the built-in scenes, each with what it shows.
 pub(crate) fn builtins() -> &'static [(&'static str, &'static str)] {
@@ -27,7 +27,7 @@ pub(crate) fn open(source: &str, opening: &Opening) -> Result<Scene, SceneError>
     }
     let mut scene = evis_physics::open(source, opening)?;
     for warning in &mut scene.warnings {
-        *warning = flags::in_text(warning);
+        *warning = options::in_text(warning);
     }
     Ok(scene)
 }
@@ -56,6 +56,24 @@ pub(crate) fn at_rest(scene: &Scene, cameras: &[String]) -> Option<String> {
     scene
         .rests(cameras)
         .then(|| format!("nothing moves and no light changes, so nothing but noise can fire: {remedy}"))
+}
+
+/// How long the scene says that it lasts.
+pub(crate) fn own_duration_s(scene: &Scene) -> Option<f64> {
+    scene.duration_s.filter(|s| s.is_finite() && *s > 0.0)
+}
+
+/// When motion ends, where that is before `time_s`, as far as some times say; motion by formulas goes on.
+pub(crate) fn rests_before(scene: &Scene, time_s: f64) -> Option<f64> {
+    let end_s = own_duration_s(scene).filter(|end_s| time_s > end_s + 1.0e-6)?;
+    let at = |time_s: f64| {
+        let mut state = SceneState::default();
+        scene.evaluate(time_s, &mut state);
+        state
+    };
+    let end = at(end_s);
+    // No multiples of each other: what comes back is seen elsewhere at one of them.
+    [0.013, 0.37, 1.0, 2.9].iter().all(|later| at(end_s + later) == end).then_some(end_s)
 }
 
 /// Loads a built-in scene to describe it.

@@ -35,12 +35,17 @@ pub(crate) fn still(args: &PreviewArgs) -> anyhow::Result<(Canvas, String)> {
     // Of a batch, the first environment.
     scene.variants.truncate(1);
     for warning in scene.warnings.iter().chain(&scene.unlikely_size()) {
-        text::complain(&format!("warning: {warning}"));
+        text::warn(warning);
     }
     let index = args.camera.as_ref().map_or(Ok(0), |name| scene.camera(name))?;
     let at_s = args.at.unwrap_or(0.0);
     if let Some(warning) = scene.enclosed_camera(index, at_s) {
-        text::complain(&format!("warning: {warning}"));
+        text::warn(&warning);
+    }
+    if let Some(end_s) = scene_source::rests_before(&scene, at_s) {
+        text::warn(&format!(
+            "the scene's motion ends at {end_s} s; at {at_s} s everything rests where it was then"
+        ));
     }
     let camera = scene.cameras.get(index).context("the scene has no camera")?;
     let (width, height) = camera.pixels(args.size);

@@ -16,6 +16,11 @@ pub(crate) fn complain(text: &str) {
     let _ = writeln!(std::io::stderr().lock(), "{}", printable(text));
 }
 
+/// Writes a warning of a library, with options in place of settings.
+pub(crate) fn warn(warning: &str) {
+    complain(&format!("warning: {}", crate::options::in_text(warning)));
+}
+
 /// Writes `value` as indented JSON to standard output.
 pub(crate) fn say_json(value: &impl Serialize) -> anyhow::Result<()> {
     say(&serde_json::to_string_pretty(value)?);

@@ -28,7 +28,7 @@ pub(crate) fn truth(args: &TruthArgs) -> anyhow::Result<i32> {
     let scene = scene_source::open(&args.scene, &opening)?;
     let rest = scene_source::at_rest(&scene, args.camera.as_slice());
     for warning in scene.warnings.iter().chain(&rest) {
-        text::complain(&format!("warning: {warning}"));
+        text::warn(warning);
     }
     let settings = settings(args, scene_sensor(&scene, args.camera.as_deref())?);
     let cache = cache_folder(args.cache.as_deref());

@@ -41,7 +41,7 @@ pub(crate) fn tune(args: &TuneArgs) -> anyhow::Result<i32> {
     };
     let scene = scene_source::open(&args.scene, &opening)?;
     for warning in scene.warnings.iter().chain(&scene_source::at_rest(&scene, &config.cameras)) {
-        text::complain(&format!("warning: {warning}"));
+        text::warn(warning);
     }
     for name in config.cameras.iter().chain(config.sensors.keys()) {
         scene.camera(name)?;
@@ -68,7 +68,7 @@ pub(crate) fn tune(args: &TuneArgs) -> anyhow::Result<i32> {
     drop(progress);
     tuned.write(&args.output, &args.scene)?;
     if let Some(warning) = &tuned.warning {
-        text::complain(&format!("warning: {warning}"));
+        text::warn(warning);
     }
     let lines = tuned.tried.iter().enumerate().map(|(index, tried)| {
         let mark = if index == tuned.taken { "*" } else { " " };

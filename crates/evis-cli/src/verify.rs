@@ -119,7 +119,7 @@ fn open(
         scene.camera(camera)?;
     }
     for warning in &scene.warnings {
-        text::complain(&format!("warning: {warning}"));
+        text::warn(warning);
     }
     Ok(scene)
 }

@@ -84,7 +84,7 @@ pub(crate) fn video(args: &VideoArgs, upsampler: &MakeUpsampler) -> anyhow::Resu
     drop(progress);
     let exported = outputs.export(args.force)?;
     for warning in &report.warnings {
-        text::complain(&format!("warning: {warning}"));
+        text::warn(warning);
     }
     if let Some(path) = &args.report {
         let json = serde_json::to_string_pretty(&report)?;

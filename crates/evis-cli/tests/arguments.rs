@@ -188,6 +188,25 @@ fn scenes_and_cameras_that_do_not_exist_are_listed() {
 }
 
 #[test]
+fn near_misses_are_answered_with_what_was_meant() {
+    let folder = Folder::new("near");
+    for (line, told) in [
+        ("run spinner -o x.h5 --labels depth flow", "--labels depth,flow"),
+        ("run --labels depth flow instance spinner -o x.h5", "--labels depth,flow,instance"),
+        ("rnu spinner -o x.h5", "'run'"),
+        ("evalute reconstruct a.h5", "'evaluate'"),
+        ("plot a.h5 -o x.png", "`evis plot` is a command of the Python package"),
+    ] {
+        refused(&folder, line, &["tip: ", told]);
+    }
+    // Canaries: nothing is near, one label is no list.
+    for line in ["xyzzy", "run spinner extra -o x.h5 --labels depth"] {
+        let output = evis(&folder, line);
+        assert!(code(&output) == 2 && !stderr(&output).contains("tip: "), "{}", stderr(&output));
+    }
+}
+
+#[test]
 fn a_forced_run_that_cannot_start_keeps_the_old_file() {
     let folder = Folder::new("forced");
     std::fs::write(folder.file("old.h5"), "precious").unwrap();

@@ -337,6 +337,18 @@ fn what_scenes_and_recordings_do_not_take_is_refused() {
 }
 
 #[test]
+fn a_still_after_the_end_of_motion_says_so() {
+    let folder = folder("still-end");
+    std::fs::write(folder.file("quad.gltf"), quad()).unwrap();
+    for (at, told) in [("0.01", false), ("99", true)] {
+        let output = evis(&folder, &format!("preview quad.gltf -o {at}.png --at {at} --size 64x48"));
+        assert_eq!(code(&output), 0, "{}", stderr(&output));
+        let end = "; at 99 s everything rests where it was then";
+        assert_eq!(stderr(&output).contains(end), told, "{at}: {}", stderr(&output));
+    }
+}
+
+#[test]
 fn runs_warn_of_what_was_hardly_meant() {
     let folder = folder("meant");
     let inside = STILL.replace("[100, 80, 60]", "[0.0004, 0.0004, 0.0004]");

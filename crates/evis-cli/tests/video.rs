@@ -174,6 +174,18 @@ fn other_floats_and_alpha_are_taken() {
 }
 
 #[test]
+fn frames_that_come_seldom_are_told_what_is_put_between_them() {
+    let folder = Folder::new("video-seldom");
+    npy(&folder.file("a.npy"), "|u1", 8, &(0..8).flat_map(codes).collect::<Vec<_>>());
+    for (fps, told) in [("30", true), ("60", true), ("61", false), ("1000", false)] {
+        let output = evis(&folder, &format!("video a.npy -o {fps}.h5 --fps {fps} --json"));
+        let warned = json(&output)["warnings"].to_string().contains("`upsampler` puts frames between");
+        assert_eq!((code(&output), warned), (0, told), "{fps}: {}", stderr(&output));
+        assert_eq!(stderr(&output).contains("--upsample puts frames between"), told, "{}", stderr(&output));
+    }
+}
+
+#[test]
 fn other_pictures_are_read_too() {
     let folder = Folder::new("video-kinds");
     for (ending, linear) in [("tiff", false), ("exr", true)] {

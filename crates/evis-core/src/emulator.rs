@@ -14,6 +14,7 @@ mod numbering;
 mod order;
 pub mod parts;
 mod paths;
+mod plain;
 mod readout;
 pub(crate) mod receptor;
 mod shape;

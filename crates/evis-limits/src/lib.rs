@@ -53,9 +53,11 @@ pub fn nearest<'w>(word: &str, known: impl Iterator<Item = &'w str>) -> Option<&
     if word.len() > 64 {
         return None;
     }
+    // Two letters that changed places make short words unlike for Jaro and Winkler.
+    let slip = |candidate| word.len() > 2 && strsim::osa_distance(word, candidate) == 1;
     known
         .map(|candidate| (strsim::jaro_winkler(word, candidate), candidate))
-        .filter(|(similarity, _)| *similarity > 0.75)
+        .filter(|(similarity, candidate)| *similarity > 0.75 || slip(candidate))
         .max_by(|a, b| a.0.total_cmp(&b.0))
         .map(|(_, candidate)| candidate)
 }
@@ -132,7 +134,7 @@ impl fmt::Display for OverLimit {
         if self.taken > 0 {
             write!(f, " beside the {} that it takes already", size(self.taken))?;
         }
-        write!(f, ", and a file may take {}; a larger --memory-limit allows more", size(self.limit))
+        write!(f, ", and a file may take {}; a larger `memory_limit` allows more", size(self.limit))
     }
 }
 
@@ -320,7 +322,7 @@ mod tests {
         assert_eq!(budget.take(60, "a picture"), Ok(()));
         let error = budget.take(41, "a mesh").unwrap_err().to_string();
         let want = "a mesh would take 41 bytes of memory beside the 60 bytes that it takes already, and a file may take 100 \
-                    bytes; a larger --memory-limit allows more";
+                    bytes; a larger `memory_limit` allows more";
         assert_eq!(error, want);
         assert_eq!(budget.left(), 40, "what is refused is not counted");
         budget.give_back(60);

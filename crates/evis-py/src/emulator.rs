@@ -1,7 +1,9 @@
 //! The sensor on frames from elsewhere, and sensors as values.
 
 use std::collections::BTreeMap;
+use std::ffi::CString;
 use std::sync::Mutex;
+use std::sync::atomic::{AtomicBool, Ordering};
 
 use evis_core::sensor::{NoiseLaw, PRESETS, sample};
 use evis_core::{
@@ -9,6 +11,7 @@ use evis_core::{
     Sensor, SensorConfig, Transfer, Warp, check_motion as check,
 };
 use numpy::{PyArray1, PyReadonlyArray1};
+use pyo3::exceptions::PyUserWarning;
 use pyo3::prelude::*;
 use pyo3::types::{PyBytes, PyDict};
 
@@ -122,7 +125,11 @@ pub(crate) fn check_motion<'py>(
 
 /// Frames in, events out.
 #[pyclass(frozen, module = "evis._evis")]
-pub(crate) struct EventEmulator(ProcessBound<Mutex<evis_core::EventEmulator>>);
+pub(crate) struct EventEmulator {
+    emulator: ProcessBound<Mutex<evis_core::EventEmulator>>,
+    /// Whether it was said that frames hold NaN.
+    warned_of_unknown: AtomicBool,
+}
 
 /// One-dimensional, contiguous.
 #[derive(FromPyObject)]
@@ -191,7 +198,8 @@ impl EventEmulator {
             causes,
         };
         py.detach_engine(|| {
-            Ok::<_, Failure>(Self(ProcessBound::new(Mutex::new(evis_core::EventEmulator::new(config)?))))
+            let emulator = ProcessBound::new(Mutex::new(evis_core::EventEmulator::new(config)?));
+            Ok::<_, Failure>(Self { emulator, warned_of_unknown: AtomicBool::new(false) })
         })
     }
 
@@ -208,10 +216,20 @@ impl EventEmulator {
     ) -> PyResult<Vec<Bound<'py, PyAny>>> {
         let data = frames.data(transfer, gamma)?;
         let frames = Frames { data, channels };
-        let lists = py.detach_engine(|| {
-            let mut emulator = lock_unpoisoned(&self.0)?;
-            emulator.push(&frames, t_us).map_err(Failure::from)
+        let (lists, unknown) = py.detach_engine(|| {
+            let mut emulator = lock_unpoisoned(&self.emulator)?;
+            let lists = emulator.push(&frames, t_us).map_err(Failure::from)?;
+            Ok::<_, Failure>((lists, emulator.report().unknown))
         })?;
+        if unknown > 0 && !self.warned_of_unknown.swap(true, Ordering::Relaxed) {
+            let warning = format!(
+                "frames hold NaN ({unknown} values at {t_us} us), which means unknown: those pixels keep their state. \
+                 This is said once; report.unknown and total_report.unknown count them"
+            );
+            // Of the caller of the Python method that calls this.
+            let text = CString::new(warning).map_err(|error| Failure::Engine(error.to_string()))?;
+            PyErr::warn(py, &py.get_type::<PyUserWarning>(), &text, 2)?;
+        }
         Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
     }
 
@@ -247,7 +265,7 @@ impl EventEmulator {
             cut: &cut,
         };
         let lists = py.detach_engine(|| {
-            let mut emulator = lock_unpoisoned(&self.0)?;
+            let mut emulator = lock_unpoisoned(&self.emulator)?;
             emulator.push_keyframe(&keyframes, t_us, &warp).map_err(Failure::from)
         })?;
         Ok(lists.into_iter().map(|list| events::into_numpy(py, list).into_any()).collect())
@@ -256,7 +274,7 @@ impl EventEmulator {
     /// Why the events of the last push fired, an array per environment; none where that was not asked for.
     fn causes<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyArray1<u8>>>> {
         let lists = py.detach_engine(|| {
-            let emulator = lock_unpoisoned(&self.0)?;
+            let emulator = lock_unpoisoned(&self.emulator)?;
             Ok::<_, Failure>(emulator.causes().to_vec())
         })?;
         Ok(lists.into_iter().map(|list| PyArray1::from_vec(py, list)).collect())
@@ -265,7 +283,7 @@ impl EventEmulator {
     /// Reports on the last keyframes, per environment.
     fn keyframe_reports<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
         let reports = py.detach_engine(|| {
-            let emulator = lock_unpoisoned(&self.0)?;
+            let emulator = lock_unpoisoned(&self.emulator)?;
             Ok::<_, Failure>(emulator.keyframe_reports().to_vec())
         })?;
         reports.iter().map(|report| keyframe_dict(py, report)).collect()
@@ -274,7 +292,7 @@ impl EventEmulator {
     /// Resets environments.
     fn reset(&self, py: Python<'_>, environments: Option<Vec<usize>>) -> PyResult<()> {
         py.detach_engine(|| {
-            let mut emulator = lock_unpoisoned(&self.0)?;
+            let mut emulator = lock_unpoisoned(&self.emulator)?;
             emulator.reset(environments.as_deref()).map_err(Failure::from)
         })
     }
@@ -282,7 +300,7 @@ impl EventEmulator {
     /// Counts of the last push, and of all pushes.
     fn reports<'py>(&self, py: Python<'py>) -> PyResult<(Bound<'py, PyDict>, Bound<'py, PyDict>)> {
         let (last, total) = py.detach_engine(|| {
-            let emulator = lock_unpoisoned(&self.0)?;
+            let emulator = lock_unpoisoned(&self.emulator)?;
             Ok::<_, Failure>((*emulator.report(), *emulator.total_report()))
         })?;
         Ok((report_dict(py, &last)?, report_dict(py, &total)?))
@@ -291,7 +309,7 @@ impl EventEmulator {
     /// Time of the last frame.
     fn now_us(&self, py: Python<'_>) -> PyResult<Option<i64>> {
         py.detach_engine(|| {
-            let emulator = lock_unpoisoned(&self.0)?;
+            let emulator = lock_unpoisoned(&self.emulator)?;
             Ok::<_, Failure>(emulator.now_us())
         })
     }
@@ -299,7 +317,7 @@ impl EventEmulator {
     /// The state that the next events depend on, apart from the settings.
     fn state<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyBytes>> {
         let bytes = py.detach_engine(|| {
-            let emulator = lock_unpoisoned(&self.0)?;
+            let emulator = lock_unpoisoned(&self.emulator)?;
             Ok::<_, Failure>(emulator.state())
         })?;
         Ok(PyBytes::new(py, &bytes))
@@ -308,7 +326,7 @@ impl EventEmulator {
     /// Restores what [`Self::state`] returned.
     fn restore(&self, py: Python<'_>, state: &[u8]) -> PyResult<()> {
         py.detach_engine(|| {
-            let mut emulator = lock_unpoisoned(&self.0)?;
+            let mut emulator = lock_unpoisoned(&self.emulator)?;
             emulator.restore(state).map_err(Failure::from)
         })
     }

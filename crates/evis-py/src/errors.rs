@@ -78,15 +78,29 @@ impl From<Failure> for PyErr {
             Failure::Config(message) => raise(py, &CONFIG_ERROR, message),
             Failure::Format(message) => raise(py, &FORMAT_ERROR, message),
             Failure::Device(message) => raise(py, &DEVICE_ERROR, message),
-            Failure::Exists(message) => PyFileExistsError::new_err(message),
+            Failure::Exists(message) => PyFileExistsError::new_err(in_python(&message)),
             Failure::Io { path, source } => match (source.raw_os_error(), path) {
                 (Some(code), Some(path)) => PyOSError::new_err((code, reason(&source), path)),
                 (Some(code), None) => PyOSError::new_err((code, reason(&source))),
-                (None, Some(path)) => PyOSError::new_err(format!("{path}: {source}")),
-                (None, None) => PyOSError::new_err(source.to_string()),
+                (None, Some(path)) => {
+                    PyOSError::new_err(format!("{path}: {}", in_python(&source.to_string())))
+                }
+                (None, None) => PyOSError::new_err(in_python(&source.to_string())),
             },
         })
     }
+}
+
+/// Settings that are no keyword of what was called by that name, and how Python sets them.
+const SETTINGS: [(&str, &str); 3] = [
+    ("`overwrite`", "overwrite=True"),
+    ("`memory_limit`", "limit, evis.set_limits(memory=...),"),
+    ("`allow_outside`", "evis.set_limits(allow_outside=True)"),
+];
+
+/// `message` with Python's words for settings.
+fn in_python(message: &str) -> String {
+    SETTINGS.iter().fold(message.to_owned(), |message, (name, words)| message.replace(name, words))
 }
 
 /// The system's words without Rust's "(os error N)", which Python adds in its own way.
@@ -104,7 +118,7 @@ static DEVICE_ERROR: PyOnceLock<Py<PyType>> = PyOnceLock::new();
 
 fn raise(py: Python<'_>, class: &PyOnceLock<Py<PyType>>, message: String) -> PyErr {
     // Python shows messages as they are, and names in files may hold what a terminal obeys.
-    let message = evis_core::limits::printable(&message).into_owned();
+    let message = evis_core::limits::printable(&in_python(&message)).into_owned();
     match class.get(py) {
         Some(class) => PyErr::from_type(class.bind(py).clone(), (message,)),
         // Only before the module is initialised.

@@ -62,6 +62,6 @@ impl From<evis_decoupled::Error> for EngineError {
 
 impl From<wgpu::PollError> for EngineError {
     fn from(error: wgpu::PollError) -> Self {
-        Self::Device(format!("the device stopped answering: {error}; run again, or choose another --device"))
+        Self::Device(format!("the device stopped answering: {error}; run again, or choose another `device`"))
     }
 }

@@ -44,7 +44,7 @@ fn accessors_without_a_view_are_counted_each_time_that_they_are_used() {
     let few = read(zeros(3, 300).as_bytes(), Path::new(""), &options).unwrap();
     assert_eq!(few.meshes[0].primitives.len(), 3);
     let error = read(zeros(200, 1 << 22).as_bytes(), Path::new(""), &options).unwrap_err().to_string();
-    assert!(error.contains("of memory") && error.contains("--memory-limit"), "{error}");
+    assert!(error.contains("of memory") && error.contains("`memory_limit`"), "{error}");
 }
 
 #[test]
@@ -56,7 +56,7 @@ fn large_pictures_in_small_files_are_refused() {
     let decode = |limit: u64| decode_within("grey", &bytes, Transfer::Srgb, &Budget::of(limit));
     assert_eq!(decode(100 << 20).unwrap().texels.len(), 2048 * 2048);
     let error = decode(40 << 20).unwrap_err();
-    assert!(error.contains("'grey' of 2048x2048") && error.contains("--memory-limit"), "{error}");
+    assert!(error.contains("'grey' of 2048x2048") && error.contains("`memory_limit`"), "{error}");
 }
 
 #[test]
@@ -81,7 +81,7 @@ fn uris_that_leave_the_folder_of_the_scene_are_refused_until_they_are_allowed() 
     let outside = ["../secret.bin", "%2e%2e/secret.bin", "sub/../../secret.bin", absolute.as_str()];
     for uri in outside {
         let error = load(uri).unwrap_err();
-        assert!(error.contains("leaves the scene's folder") && error.contains("--allow-outside"), "{error}");
+        assert!(error.contains("leaves the scene's folder") && error.contains("`allow_outside`"), "{error}");
     }
     evis_limits::set_allow_outside(true);
     for uri in outside {

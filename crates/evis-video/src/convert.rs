@@ -127,6 +127,19 @@ impl VideoStream {
         self.emulator.as_ref().map(|emulator| (emulator.config().width, emulator.config().height))
     }
 
+    /// What is said of frames that come seldom, where nothing puts others between them.
+    fn seldom(&self) -> Option<String> {
+        let intervals = self.frames.saturating_sub(1) as f64;
+        let rate_hz = intervals / (self.end_us as f64 / 1e6);
+        (self.upsampler.is_none() && intervals > 0.0 && rate_hz <= SELDOM_HZ).then(|| {
+            format!(
+                "frames come at {} Hz: what moves by more than a pixel from one to the next fires in ramps, and not when its \
+                 edges pass; `upsampler` puts frames between them by optical flow",
+                (rate_hz * 10.0).round() / 10.0
+            )
+        })
+    }
+
     /// Reads a frame; gives the events since the one before, none for the first. `None` after the last frame.
     ///
     /// # Errors
@@ -269,6 +282,9 @@ struct StoredRun<'a> {
 /// How films are called among the methods of sampling.
 const METHOD: &str = "frames";
 
+/// At this rate of frames, which cameras for people have, and below it, most motion is more than a pixel per frame.
+const SELDOM_HZ: f64 = 60.5;
+
 /// Longest length that is believed to fit 32 bits of microseconds (4295 s): containers may err.
 const NARROW_US: i64 = 2_000_000_000;
 
@@ -315,6 +331,7 @@ pub fn convert(
     let mut warnings = stream.source.warnings();
     warnings.extend(stream.config.sensor.warnings());
     warnings.extend(stream.doubt.clone());
+    warnings.extend(stream.seldom());
     if stream.frames == 1 && !interrupted {
         warnings.push("there is only one frame, and events come from changes between frames".into());
     }

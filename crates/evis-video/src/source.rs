@@ -117,7 +117,7 @@ impl FrameSource {
                     let what = format!(
                         "a folder of pictures without {TIMES_NAME} does not say when they were taken"
                     );
-                    let remedy = "give --fps or --timestamps (Python: fps=, timestamps=)";
+                    let remedy = "give `fps` or `timestamps`";
                     return Err(FormatError::invalid(&path, what, remedy).into());
                 }
                 times = Some(read_times(&own)?);
@@ -126,7 +126,7 @@ impl FrameSource {
         } else if path.extension().is_some_and(|ending| ending.eq_ignore_ascii_case("npy")) {
             if config.clock == Clock::Source {
                 let what = "an array of frames does not say when they were taken";
-                let remedy = "give --fps or --timestamps (Python: fps=, timestamps=)";
+                let remedy = "give `fps` or `timestamps`";
                 return Err(FormatError::invalid(&path, what, remedy).into());
             }
             Kind::Stack(Box::new(Stack::open(&path)?))
@@ -135,7 +135,7 @@ impl FrameSource {
             if let (Some(curve), None) = (film.hdr(), config.transfer) {
                 warnings.push(format!(
                     "{} is in high dynamic range ({curve}), whose curve is not known here: its values are read as Rec. \
-                     709; convert it to standard range first, or choose with --transfer",
+                     709; convert it to standard range first, or choose with `transfer`",
                     path.display()
                 ));
             }
@@ -255,7 +255,7 @@ impl FrameSource {
                 && t_us <= last_us
             {
                 let what = format!("frame {index} is at {t_us} us and the one before it at {last_us} us");
-                let remedy = "times must increase; give --fps or --timestamps (Python: fps=, timestamps=)";
+                let remedy = "times must increase; give `fps` or `timestamps`";
                 return Err(FormatError::corrupt(&self.config.path, what, remedy).into());
             }
             self.last_us = Some(t_us);
@@ -290,10 +290,7 @@ impl FrameSource {
                 format!("it has a frame {index}, and there are {} times", times.micros.len()),
                 "give one time per frame",
             ),
-            None => (
-                format!("frame {index} has no time"),
-                "give --fps or --timestamps (Python: fps=, timestamps=)",
-            ),
+            None => (format!("frame {index} has no time"), "give `fps` or `timestamps`"),
         };
         Err(FormatError::corrupt(&self.config.path, what, remedy).into())
     }

@@ -14,8 +14,8 @@ use evis_core::Word;
 use evis_render::{
     DeviceSummary, Gpu, Method, PacketReport, RunRequest, SamplingRequest, Simulator, implausible,
 };
+use evis_scene::Scene;
 use evis_scene::source::Opening;
-use evis_scene::{Scene, SceneState};
 
 use crate::args::{RunArgs, to_us};
 use crate::failure::bad_input;
@@ -91,7 +91,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
         text::complain(&format!("quality: {note}"));
     }
     for warning in implausible(&scene, &config, duration_us) {
-        warnings.add(flags::in_text(&warning));
+        warnings.add(warning);
     }
     // Decoupled sampling soon knows how long it takes: its line waits for that.
     if config.method != Method::Decoupled {
@@ -174,7 +174,7 @@ fn clipped_warning(report: &PacketReport) -> Option<String> {
     let worst = report.clipped_light.iter().max_by(|a, b| a.luminance.total_cmp(&b.luminance))?;
     let others = report.clipped_light.len() - 1;
     let rest = if others > 0 { format!(" ({others} more cameras saw such light)") } else { String::new() };
-    Some(flags::in_text(&worst.warning()) + &rest)
+    Some(worst.warning() + &rest)
 }
 
 /// What audits found: the first skipped tiles that changed, each by itself, and the worst of those that were sampled too
@@ -249,7 +249,7 @@ fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
 /// How long to stream from `start_s` of the scene's time; says where the number comes from unless it was asked for, and where
 /// the scene's motion ends before it.
 fn duration_us(asked_s: Option<f64>, start_s: f64, scene: &Scene, warnings: &mut Warnings) -> i64 {
-    let own_s = scene.duration_s.filter(|s| s.is_finite() && *s > 0.0);
+    let own_s = scene_source::own_duration_s(scene);
     let left_s = own_s.map(|s| s - start_s).filter(|s| *s >= 1.0e-6);
     let duration_s = asked_s.unwrap_or_else(|| {
         let (duration_s, origin) = match left_s {
@@ -263,26 +263,11 @@ fn duration_us(asked_s: Option<f64>, start_s: f64, scene: &Scene, warnings: &mut
     let ahead_s =
         scene.variants.iter().map(|v| v.time_offset_s).fold(0.0, f64::max) / scene.speed.unwrap_or(1.0);
     let until_s = start_s + duration_s + ahead_s;
-    if let Some(own_s) = own_s
-        && until_s > own_s + 1.0e-6
-        && rests_after(scene, own_s)
-    {
+    if let Some(own_s) = scene_source::rests_before(scene, until_s) {
         warnings.add(format!(
             "the scene's motion ends at {own_s} s and the stream at {until_s} s of the scene's time; after its end \
              everything rests where it was"
         ));
     }
     to_us(duration_s).max(1)
-}
-
-/// Whether nothing changes any more from `end_s` on, as far as some times say; motion by formulas goes on.
-fn rests_after(scene: &Scene, end_s: f64) -> bool {
-    let at = |time_s: f64| {
-        let mut state = SceneState::default();
-        scene.evaluate(time_s, &mut state);
-        state
-    };
-    let end = at(end_s);
-    // No multiples of each other: what comes back is seen elsewhere at one of them.
-    [0.013, 0.37, 1.0, 2.9].iter().all(|later| at(end_s + later) == end)
 }

@@ -9,14 +9,15 @@ use super::ideal::{Interval, Tally};
 use super::noise::{Candidate, TileNoise, spread_mean};
 use super::numbering::Numbering;
 use super::order::Record;
+use super::plain::{self, Moments};
 use super::readout::delay_us;
 use super::receptor::{Course, When, cells, gain_of, knots_of, shift_of};
 use super::shape::{Piece, Shape};
 use crate::event::{Cause, Polarity};
 use crate::random::{EPOCH_SHIFT, Key, StreamId, normals, unit, unit_f32};
 use crate::sensor::{
-    Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times,
-    TriggerRule,
+    Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, Refractory, RefractoryRule, SensorConfig, Start,
+    Times, TriggerRule,
 };
 use crate::simd::{self, Isa, bits_of, dispatched};
 
@@ -49,12 +50,23 @@ pub(crate) struct Plan {
     ties: bool,
     /// What linlog multiplies with below its knee.
     below_knee: f32,
+    /// How blocks are treated that noise does not reach, where that can be done for all pixels alike.
+    pub plain: Option<Plain>,
+}
+
+/// See [`Plan::plain`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Plain {
+    /// [`plain::lines`].
+    Lines,
+    /// [`plain::samples`].
+    Samples,
 }
 
 impl Plan {
     pub fn new(sensor: &SensorConfig) -> Self {
         let receptor = &sensor.photoreceptor;
-        Self {
+        let mut plan = Self {
             rate: receptor.cutoff_hz * std::f32::consts::TAU * 1e-6,
             exact: receptor.filter == FilterRule::Exact,
             two_poles: receptor.order == 2,
@@ -68,8 +80,28 @@ impl Plan {
                 && sensor.pattern.sigma == 0.0
                 && !ramps(sensor),
             below_knee: receptor.knee.ln() / receptor.knee,
+            plain: None,
             sensor: sensor.clone(),
+        };
+        plan.plain = plan.to_plain();
+        plan
+    }
+
+    /// What [`Plan::plain`] is.
+    fn to_plain(&self) -> Option<Plain> {
+        let Refractory { period_us, rule } = self.sensor.refractory;
+        let may = |rules: &[RefractoryRule]| period_us == 0 || rules.contains(&rule);
+        let readout = &self.sensor.readout;
+        if readout.jitter_us > 0.0 || readout.latency_light_us > 0.0 {
+            return None;
         }
+        if self.sampled {
+            let stays = self.sensor.trigger == TriggerRule::Crossing;
+            return (stays && may(&[RefractoryRule::Suppress, RefractoryRule::Defer]))
+                .then_some(Plain::Samples);
+        }
+        let straight = self.noise == 0.0 && (self.rate == 0.0 || !self.exact) && !self.ramp && !self.ties;
+        (straight && may(&[RefractoryRule::Suppress])).then_some(Plain::Lines)
     }
 
     /// Whether all tiles must be scanned before any event has its time.
@@ -604,8 +636,23 @@ impl Chain {
         }
         let candidates = std::mem::take(&mut self.noise.now);
         let mut rest = candidates.as_slice();
+        let shared = self.shared(plan, interval, start_us, most);
         for block in 0..self.masks.len() {
             let mut mask = self.masks[block];
+            let is_quiet =
+                rest.first().is_none_or(|candidate| candidate.pixel as usize >= (block + 1) * BLOCK);
+            if let (Some((kind, shared)), true, true) = (&shared, mask != 0, is_quiet)
+                && self.fire_block(
+                    isa,
+                    *kind,
+                    shared,
+                    plan,
+                    block,
+                    (&mut tally, records, causes.as_deref_mut()),
+                )
+            {
+                continue;
+            }
             while mask != 0 {
                 let index = block * BLOCK + mask.trailing_zeros() as usize;
                 mask &= mask.wrapping_sub(1);
@@ -639,6 +686,76 @@ impl Chain {
         }
         std::mem::swap(&mut self.now, &mut self.next);
         tally
+    }
+}
+
+/// Where the events of a pass go.
+type Sinks<'a> = (&'a mut Tally, &'a mut Vec<Record>, Option<&'a mut Vec<Cause>>);
+
+impl Chain {
+    /// What the pixels of an interval share, where [`Plan::plain`] says how to use it.
+    fn shared(
+        &self,
+        plan: &Plan,
+        interval: &Interval<'_>,
+        start_us: i64,
+        most: u32,
+    ) -> Option<(Plain, plain::Shared)> {
+        let sensor = &plan.sensor;
+        let when = match (plan.plain?, sensor.times) {
+            (Plain::Lines, _) => Moments::Crossing,
+            (Plain::Samples, Times::Shared) => Moments::common(most, interval.us),
+            (Plain::Samples, Times::Even) => Moments::Even,
+            (Plain::Samples, Times::Crossing | Times::Sample) => Moments::Sample,
+        };
+        let shared = plain::Shared {
+            numbering: interval.numbering,
+            width: interval.width,
+            us: interval.us,
+            since_us: i32::try_from(start_us - self.base_us).ok()?,
+            period: sensor.refractory.period_us.into(),
+            hidden_moves: sensor.refractory.rule == RefractoryRule::Suppress,
+            // Without jitter that is all that is left.
+            delay_us: delay_us(&sensor.readout, Key::new(0, 0, 0), 0, 0),
+            most_events: sensor.most_events,
+            tie: self.tie,
+            when,
+        };
+        Some((plan.plain?, shared))
+    }
+
+    /// [`plain`]'s way through a block; whether it could be taken.
+    fn fire_block(
+        &mut self,
+        isa: Isa,
+        kind: Plain,
+        shared: &plain::Shared,
+        plan: &Plan,
+        block: usize,
+        (tally, records, causes): Sinks<'_>,
+    ) -> bool {
+        let mask = self.masks[block];
+        let (start, end) = (block * BLOCK, (block + 1) * BLOCK);
+        let part = start..end;
+        let pixels = plain::Pixels {
+            first: start as u32,
+            on: &self.on[part.clone()],
+            off: &self.off[part.clone()],
+            before: &self.now.output()[part.clone()],
+            after: &self.next.output()[part.clone()],
+            reference: &mut self.reference[part.clone()],
+            fired: self.fired.get_mut(part.clone()).unwrap_or_default(),
+            polarity: self.polarity.get_mut(part.clone()).unwrap_or_default(),
+            moved: self.moved.get_mut(part.clone()).unwrap_or_default(),
+            slope: self.slope.get(part).unwrap_or_default(),
+        };
+        let jitters = plan.sensor.noise.leak_jitter > 0.0;
+        let moved_last = jitters.then_some(&mut self.moved_last);
+        let sink = plain::Sink { tally, records, causes, moved_last };
+        match kind {
+            Plain::Lines => plain::lines(isa, shared, pixels, mask, sink),
+            Plain::Samples => plain::samples(isa, shared, pixels, mask, sink),
+        }
     }
 }
 

@@ -127,7 +127,9 @@ impl EventEmulator {
         let mut pass = Pass::Read(content);
         let read = self.walk(&mut pass, &mut now, &mut total, &mut environments);
         let whole = matches!(pass, Pass::Read([]));
-        if read.is_err() || !whole {
+        // An interval since no time would be empty, and pixels would fire in it.
+        let timeless = now.0 == 0 && environments.iter().any(Environment::has_light);
+        if read.is_err() || !whole || timeless {
             return refused("that cannot be read");
         }
         self.now_us = (now.0 != 0).then_some(now.1);
@@ -392,6 +394,23 @@ mod tests {
                 assert!(one.restore(&damaged).is_err(), "byte {at} of {}", state.len());
             }
             assert_eq!(one.state(), state, "what is refused changes nothing");
+        }
+    }
+
+    #[test]
+    fn light_that_was_seen_at_no_time_is_refused() {
+        for sensor in sensors() {
+            let mut one = emulator(&sensor);
+            push(&mut one, 0, 1000).unwrap();
+            let state = one.state();
+            // Behind magic and identity: whether there is a time.
+            for (flag, is_taken) in [(0, false), (1, true)] {
+                let mut changed = state[..state.len() - HASH_BYTES].to_vec();
+                changed[16] = flag;
+                let sum = hash(&changed);
+                changed.extend(sum.to_le_bytes());
+                assert_eq!(emulator(&sensor).restore(&changed).is_ok(), is_taken);
+            }
         }
     }
 

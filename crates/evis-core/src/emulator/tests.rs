@@ -1,5 +1,6 @@
 use super::*;
 use crate::event::is_ordered;
+use crate::sensor::{Refractory, RefractoryRule, Times};
 use crate::trigger::{self, PixelState};
 
 /// The scene that peers were measured on: I = 0.5 + 0.4 sin(0.3 + 2 pi (x / 41.7 - 9.7 t)).
@@ -227,4 +228,60 @@ fn instruction_sets_agree_bit_for_bit() {
         // Canary: one pixel more makes another stream.
         assert!(streams[0].0 != streams[0].0[1..]);
     }
+}
+
+/// Events, causes and losses of a stream of `sensor` in which some pixels are unknown at times; `plain` as the plan has it, or
+/// pixel by pixel.
+fn by_blocks_or_pixels(sensor: &SensorConfig, plain: bool) -> (Vec<Event>, Vec<u8>, EmulatorReport, bool) {
+    let (width, height) = (83, 31);
+    let config =
+        EmulatorConfig { width, height, sensor: sensor.clone(), seed: 3, causes: true, ..Default::default() };
+    let mut emulator = emulator(config);
+    let Kernel::Chain(plan) = &mut emulator.kernel else { panic!("the sensor is ideal") };
+    let has_plain = plan.plain.is_some();
+    if !plain {
+        plan.plain = None;
+    }
+    let (mut events, mut causes) = (Vec::new(), Vec::new());
+    for k in 0..60_i64 {
+        let t_us = 900 * k + 37 * (k % 5);
+        let mut frame = drifting(width, height, t_us);
+        for (i, light) in frame.iter_mut().enumerate() {
+            // Steep rises, so that pixels reach the most events.
+            *light *= if (i + k as usize).is_multiple_of(97) { 300.0 } else { 1.0 };
+            if (i + 7 * k as usize).is_multiple_of(211) {
+                *light = f32::NAN;
+            }
+        }
+        events.extend(emulator.push(&Frames::linear(&frame), t_us).unwrap().remove(0));
+        causes.extend_from_slice(&emulator.causes()[0]);
+    }
+    (events, causes, *emulator.total_report(), has_plain)
+}
+
+#[test]
+fn blocks_fire_what_their_pixels_fire() {
+    let preset = |name| SensorConfig::preset(name).unwrap();
+    let mut even = SensorConfig { times: Times::Even, most_events: 4, ..preset("v2e-noisy") };
+    even.refractory = Refractory { period_us: 300, rule: RefractoryRule::Suppress };
+    even.noise.alternation = 0.4;
+    even.noise.leak_hz = 60.0;
+    even.readout.latency_us = 200.0;
+    let sampled = SensorConfig { times: Times::Sample, threshold_on: 0.03, ..SensorConfig::default() };
+    let few = SensorConfig { most_events: 3, ..preset("openeb") };
+    let mut spread = SensorConfig::default();
+    spread.pattern.sigma = 0.03;
+    let sensors = [preset("v2e"), preset("v2e-clean"), preset("openeb"), even, sampled, few, spread];
+    let mut seen = EmulatorReport::default();
+    for (number, sensor) in sensors.iter().enumerate() {
+        let (blocks, pixels) = (by_blocks_or_pixels(sensor, true), by_blocks_or_pixels(sensor, false));
+        assert!(blocks.3, "sensor {number} goes pixel by pixel");
+        assert!(blocks.0.len() > 5000, "sensor {number}: {} events", blocks.0.len());
+        assert!(blocks == pixels, "sensor {number}: {:?} and {:?}", blocks.2, pixels.2);
+        seen.add(&blocks.2);
+    }
+    assert!(seen.clamped > 100 && seen.suppressed > 100 && seen.unknown > 100, "{seen:?}");
+    // Canary: another threshold is another stream.
+    let other = SensorConfig { threshold_on: 0.21, ..preset("v2e") };
+    assert!(by_blocks_or_pixels(&other, true).0 != by_blocks_or_pixels(&sensors[0], true).0);
 }

@@ -31,7 +31,7 @@ pub enum FormatError {
         source: io::Error,
     },
     /// The output exists already.
-    #[error("{} exists already; choose another name, or allow overwriting (--force)", .path.display())]
+    #[error("{} exists already; choose another name, or allow overwriting (`overwrite`)", .path.display())]
     Exists {
         /// The file.
         path: PathBuf,

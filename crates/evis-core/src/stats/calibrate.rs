@@ -457,8 +457,8 @@ fn tell(target: &Stats, sensor: &SensorConfig) -> (Vec<Estimate>, Vec<String>) {
         );
     }
     let unknown = [
-        "thresholds and their spread between pixels: nothing crosses them in a still scene (--stimulus)",
-        "bandwidth, and latency: they show where light changes (--stimulus at several frequencies)",
+        "thresholds and their spread between pixels: nothing crosses them in a still scene, flickering light does",
+        "bandwidth, and latency: they show in light that flickers at several frequencies",
         "how noise depends on light: one recording has one light; the fitted rates hold at any",
         "leak apart from shot noise, unless ON events are regular",
         "whether a rate is the pixel's or the scene's: flicker and motion count as noise",

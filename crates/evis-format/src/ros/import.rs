@@ -332,7 +332,7 @@ impl Content {
                 import.events += packet.events.len() as u64;
                 if !packet.triggers.is_empty() {
                     return Err(
-                        "there are triggers, which a recording does not hold: leave them out with --events-only".into()
+                        "there are triggers, which a recording does not hold: leave them out with `events_only`".into()
                     );
                 }
                 writer.write_events(camera, &packet.events)

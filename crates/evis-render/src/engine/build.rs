@@ -331,7 +331,7 @@ fn targets(
         let plan = sizes::plan(width, height, layers, count, most, needs, limits).ok_or_else(|| {
             EngineError::Device(format!(
                 "{width}x{height} pixels with {} samples do not fit this device \
-                     (edge {}, layers {}, binding {} bytes); choose a smaller --size or fewer --samples",
+                     (edge {}, layers {}, binding {} bytes); choose a smaller `size` or fewer `samples`",
                 config.samples, limits.texture_edge, limits.texture_layers, limits.storage_binding
             ))
         })?;

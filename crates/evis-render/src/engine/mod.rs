@@ -363,7 +363,7 @@ impl Engine {
             let Some(halves) = unit.halves(self.block) else {
                 return Err(EngineError::Device(format!(
                     "an instant has {} candidates of noise events, and this device's buffers hold {}; lower the rates of \
-                     the sensor's noise, raise --rate, or render fewer cameras at once",
+                     the sensor's noise, raise `rate_hz`, or render fewer cameras at once",
                     words.len() / CANDIDATE_WORDS as usize,
                     self.most_feed / u64::from(CANDIDATE_WORDS)
                 )));
@@ -707,7 +707,7 @@ impl Engine {
         if needed > self.most_capacity {
             let Some(halves) = unit.halves(self.block) else {
                 return Err(EngineError::Device(format!(
-                    "{needed} events in one instant, and this device's buffers hold {}; raise --rate or the \
+                    "{needed} events in one instant, and this device's buffers hold {}; raise `rate_hz` or the \
                      thresholds, or render fewer cameras at once",
                     self.most_capacity
                 )));

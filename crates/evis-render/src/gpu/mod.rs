@@ -234,7 +234,7 @@ impl Gpu {
         let Some(reason) = self.lost.get() else { return Ok(()) };
         Err(EngineError::Device(format!(
             "the device {} was lost ({reason}); everything delivered before stays valid, so keep it, and run again in a \
-             new simulator, or on another --device",
+             new simulator, or on another `device`",
             self.summary.name
         )))
     }

@@ -27,7 +27,7 @@ pub(crate) fn wait_mapped(
             }
             Err(TryRecvError::Disconnected) => {
                 return Err(EngineError::Device(
-                    "the device was lost; run again, or choose another --device".into(),
+                    "the device was lost; run again, or choose another `device`".into(),
                 ));
             }
         }

@@ -81,7 +81,7 @@ impl Resampler {
         if edge > most || layers > limits.texture_layers {
             return Err(EngineError::Device(format!(
                 "a camera with a distorted lens takes a picture of {width}x{height} pixels without it, {edge} texels along its \
-                 longer edge, and {most} fit; choose a smaller --size or fewer --samples"
+                 longer edge, and {most} fit; choose a smaller `size` or fewer `samples`"
             )));
         }
         let footprints = camera.footprints(&samples);
@@ -95,7 +95,7 @@ impl Resampler {
         let bands = footprints.bands(camera.size[0], limits.storage_binding).ok_or_else(|| {
             EngineError::Device(format!(
                 "the samples of a row of a camera with a distorted lens exceed a binding of this device, {} bytes; choose a \
-                 smaller --size or fewer --samples",
+                 smaller `size` or fewer `samples`",
                 limits.storage_binding
             ))
         })?;

@@ -86,7 +86,7 @@ impl Finding {
         let how = if self.skipped { "was skipped" } else { "was sampled less often" };
         format!(
             "camera '{camera}' of environment {environment}, pixel ({x}, {y}) at {t_us} us: the tile {how}, but its log \
-             luminance{seen} changed by {change:.3} ({object} is seen there); sample more often with a smaller --adaptive or a higher --quality, \
+             luminance{seen} changed by {change:.3} ({object} is seen there); sample more often with a smaller `adaptive_px` or a higher `quality`, \
              and report it if the tile was skipped"
         )
     }

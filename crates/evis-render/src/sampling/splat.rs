@@ -537,7 +537,7 @@ pub fn does_not_fit(config: &Warp, width: u32, height: u32, limits: &DeviceLimit
     let [canvas_width, canvas_height] = canvas_size(config, width, height);
     EngineError::Device(format!(
         "keyframes of {canvas_width}x{canvas_height} pixels do not fit this device (edge {}, binding {} bytes); \
-         choose a smaller --size or --margin",
+         choose a smaller `size` or `margin`",
         limits.texture_edge, limits.storage_binding
     ))
 }

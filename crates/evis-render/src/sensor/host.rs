@@ -95,8 +95,8 @@ impl HostWalk {
         if bytes > most {
             return Err(EngineError::Device(format!(
                 "the light of {layers} samples of {width}x{height} pixels takes {bytes} bytes on its way to the \
-                 host, which simulates this sensor, and this device's buffers hold {most}; choose a smaller --size or fewer \
-                 --samples"
+                 host, which simulates this sensor, and this device's buffers hold {most}; choose a smaller `size` or fewer \
+                 `samples`"
             )));
         }
         let staging = match self.free.iter().position(|buffer| buffer.size() >= bytes) {

@@ -112,7 +112,7 @@ pub(super) fn fetch(uri: &str, folder: &Path, what: &str, budget: &Budget) -> Re
     let inside = [relative, uri].into_iter().all(|name| evis_limits::stays_inside(Path::new(name)));
     if !inside && !evis_limits::allow_outside() {
         return Err(format!(
-            "{what} has the URI '{uri}', which leaves the scene's folder; --allow-outside lets scenes that you trust do so"
+            "{what} has the URI '{uri}', which leaves the scene's folder; `allow_outside` lets scenes that you trust do so"
         ));
     }
     // Some exporters write names as they are, percent signs included.

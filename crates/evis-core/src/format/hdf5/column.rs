@@ -527,7 +527,11 @@ impl Column {
         entry: FilteredChunkEntry,
     ) -> Result<(), FormatError> {
         let place = self.locate(chunk).map_err(|what| {
-            FormatError::invalid(store.path(), what, "record into several files (--duration, --start)")
+            FormatError::invalid(
+                store.path(),
+                what,
+                "record into several files, each of another part of the time",
+            )
         })?;
         let slot = match place {
             EaLoc::Index { elem } => self.root.elements.get_mut(elem),

@@ -499,7 +499,7 @@ pub(super) fn with_file<T>(
         return Err(FormatError::corrupt(
             path,
             format!("it is cut short ({bytes} of {} bytes)", superblock.end_of_file_address),
-            "copy it again, or keep what can be saved with evis-rs info --repair",
+            "copy it again, or keep what can be saved with the command `info --repair`",
         ));
     }
     let attempt = catch_unwind(AssertUnwindSafe(|| {
@@ -519,7 +519,7 @@ fn superblock(path: &Path) -> Result<SuperblockV2V3, FormatError> {
         FormatError::corrupt(
             path,
             format!("it is no HDF5 file of the right kind ({e})"),
-            "give a recording that evis-rs wrote",
+            "give a recording that EVIS wrote",
         )
     })
 }
@@ -528,7 +528,7 @@ fn damaged(path: &Path, what: impl Into<String>) -> FormatError {
     FormatError::corrupt(
         path,
         what,
-        "if its writer was killed, try evis-rs info --repair; else record or copy it again",
+        "if its writer was killed, try the command `info --repair`; else record or copy it again",
     )
 }
 
@@ -579,7 +579,7 @@ impl Source<'_> {
         FormatError::corrupt(
             self.path,
             what,
-            "copy it again from its source, or keep what can be saved with evis-rs info --repair",
+            "copy it again from its source, or keep what can be saved with the command `info --repair`",
         )
     }
 
@@ -662,7 +662,7 @@ impl Source<'_> {
 
     fn header(&self) -> Result<RecordingHeader, FormatError> {
         let evis = self.file.root_group().group("evis").map_err(|_| {
-            FormatError::corrupt(self.path, "it has no group evis", "give a recording that evis-rs wrote")
+            FormatError::corrupt(self.path, "it has no group evis", "give a recording that EVIS wrote")
         })?;
         let names = self.check("evis/cameras", self.dataset("evis/cameras")?.read_vlen_strings())?;
         let mut cameras = Vec::new();

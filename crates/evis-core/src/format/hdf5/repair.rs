@@ -161,7 +161,7 @@ fn camera_names(store: &mut Store) -> Result<Vec<String>, FormatError> {
         return Err(FormatError::corrupt(
             store.path(),
             "it has no group evis",
-            "give a recording that evis-rs wrote",
+            "give a recording that EVIS wrote",
         ));
     }
     roots.retain(|name| !RESERVED_NAMES.contains(&name.as_str()));

@@ -384,7 +384,7 @@ impl BlockReader for Store {
 }
 
 fn not_ours(path: &Path, what: &str) -> FormatError {
-    FormatError::corrupt(path, what, "give a recording that evis-rs wrote")
+    FormatError::corrupt(path, what, "give a recording that EVIS wrote")
 }
 
 fn read_up_to(file: &mut File, address: u64, buffer: &mut [u8]) -> io::Result<usize> {

@@ -105,7 +105,7 @@ fn noise_that_does_not_fit_is_refused_by_name() {
     let mut engine = Engine::new(&gpu, batch(&[0.0]), views, &mut config).unwrap();
     engine.limit_feed(4_000);
     let error = engine.deliver(20_000, 20_000).unwrap_err().to_string();
-    assert!(error.contains("noise") && error.contains("--rate"), "{error}");
+    assert!(error.contains("noise") && error.contains("`rate_hz`"), "{error}");
 }
 
 #[test]

@@ -241,6 +241,6 @@ fn pictures_of_coverage_samples_that_no_texture_holds_are_refused_by_name() {
     let bare = Method::Splat(Warp { margin: Some(0), ..splat() });
     for method in [Method::Native, bare] {
         let error = refused(method);
-        assert!(error.contains("do not fit this device") && error.contains("--size"), "{error:?}");
+        assert!(error.contains("do not fit this device") && error.contains("`size`"), "{error:?}");
     }
 }
