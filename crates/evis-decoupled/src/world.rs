@@ -89,8 +89,10 @@ pub struct World<'a> {
     pub variant: Option<&'a Variant>,
     /// Index into [`Scene::cameras`].
     pub camera: usize,
-    /// Its lens.
+    /// Its pixels; focal lengths and centre are those of [`Frame::lens`].
     pub lens: PixelLens,
+    /// As it was asked for.
+    size: Option<(u32, u32)>,
     /// Primitives of nodes, in node order.
     pub surfaces: Vec<Surface>,
     /// Groups of facets, in surface order.
@@ -110,6 +112,8 @@ pub struct Frame {
     pub screen_from_world: DMat4,
     /// The camera's world position.
     pub eye: DVec3,
+    /// The camera's lens.
+    pub lens: PixelLens,
 }
 
 impl<'a> World<'a> {
@@ -131,13 +135,14 @@ impl<'a> World<'a> {
         camera: usize,
         size: Option<(u32, u32)>,
     ) -> Result<Self, Error> {
-        let lens = lens(scene, camera, size)?;
+        let lens = lens(scene, variant, camera, size, f64::INFINITY)?;
         let moving_nodes = moving_nodes(scene);
         let mut world = Self {
             scene,
             variant,
             camera,
             lens,
+            size,
             surfaces: Vec::new(),
             clusters: Vec::new(),
             facets: Vec::new(),
@@ -202,14 +207,16 @@ impl<'a> World<'a> {
             let name = &self.scene.cameras[self.camera].name;
             return Err(Error::Camera(format!("camera '{name}' has no pose at {t_us} us")));
         };
-        let [fx, fy] = self.lens.focal;
-        let [cx, cy] = self.lens.center;
+        let lens = lens(self.scene, self.variant, self.camera, self.size, t_us)?;
+        let [fx, fy] = lens.focal;
+        let [cx, cy] = lens.center;
         let screen_from_camera = DMat4::from_cols_array(&[
             fx, 0.0, 0.0, 0.0, 0.0, -fy, 0.0, 0.0, -cx, -cy, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         ]);
         Ok(Frame {
             screen_from_world: screen_from_camera * world_from_camera.inverse(),
             eye: world_from_camera.w_axis.truncate(),
+            lens,
             state,
         })
     }
@@ -449,8 +456,14 @@ fn moving_nodes(scene: &Scene) -> Vec<bool> {
     moves
 }
 
-fn lens(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result<PixelLens, Error> {
-    let Some(camera) = scene.cameras.get(camera) else {
+fn lens(
+    scene: &Scene,
+    variant: Option<&Variant>,
+    camera: usize,
+    size: Option<(u32, u32)>,
+    t_us: f64,
+) -> Result<PixelLens, Error> {
+    let Some(camera) = scene.camera_in(variant, camera, t_us) else {
         let count = scene.cameras.len();
         return Err(Error::Camera(format!("camera {camera} does not exist; the scene has {count}")));
     };
