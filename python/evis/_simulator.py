@@ -176,8 +176,8 @@ class Simulator:
         Names of lights that a `step` may change, or of nodes that carry one where no light has the name: such
         a node gets a light of its own. Otherwise as ``poses``, which also moves lights.
     pose_step_us : int, optional
-        With ``poses``, ``materials`` or ``lights``: steps are multiples of so many microseconds; 10000 where not given.
-        With ``native`` sampling it is a multiple of the time between two samples (250 us in every preset but
+        With ``poses``, ``materials`` or ``lights``: steps are multiples of so many microseconds; 10000 where
+        not given. With ``native`` sampling it is a multiple of the time between two samples (250 us in every preset but
         ``reference``, which has 125).
     device : Device, str or int, optional
         A device, its index, or a part of its name; the fastest kind where not given. Where the machine has
@@ -560,9 +560,9 @@ class Simulator:
             ``env_ids`` in front.
         lenses : mapping of str to mapping, optional
             Lenses of cameras from now on, by camera: ``fov_y_degrees``, or ``fx``, ``fy``, ``cx`` and ``cy``
-            in pixels of the camera's own size; each one number, or one per environment of ``env_ids``. The
-            views of later packets, and `cameras_of`, tell them; files of `Writer` tell the lenses of the first
-            packet. Not for cameras with a distortion.
+            in pixels of the camera's own size; each one number, or one per environment of ``env_ids``. Views
+            of later packets, and `cameras_of`, tell them; files of `Writer` those of the first packet. Not
+            for cameras with a distortion.
 
         Raises
         ------

@@ -8,8 +8,8 @@ use evis_core::SensorConfig;
 use evis_scene::builder::{EventCamera, Placement, SceneBuilder};
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    HostNames, HostPoses, HostStep, Light, LightChange, LightKind, Material, MaterialChange, Scene,
-    ShadingModel,
+    HostNames, HostPoses, HostStep, Light, LightChange, LightFactors, LightKind, Material, MaterialChange,
+    Scene, ShadingModel, Variant,
 };
 use evis_truth::{TruthSettings, truth};
 
@@ -172,4 +172,26 @@ fn a_light_changes_in_steps() {
         )
         .unwrap_err();
     assert!(error.to_string().contains("light of 'lamp': intensity is -1"), "{error}");
+}
+
+#[test]
+fn truth_is_that_of_the_first_environment() {
+    let mut scene = evis_scene::builtin::load("desk", 0).unwrap();
+    let lamp = scene.lights[0].factors();
+    let lens = evis_scene::Lens::FieldOfView { fov_y: 0.4 };
+    let dim = LightFactors { intensity: 0.5 * lamp.intensity, ..lamp };
+    let settings = TruthSettings { size: Some((12, 9)), duration_us: 20_000, ..settings(20_000) };
+    let plain = truth(&scene, &settings, &|_| true).unwrap();
+    scene.variants = vec![
+        Variant { time_offset_s: 0.1, ..Variant::default() }.with_light(0, dim).with_lens(0, lens),
+        Variant::default(),
+    ];
+    let first = truth(&scene, &settings, &|_| true).unwrap();
+    scene.variants.clear();
+    scene.lights[0].intensity *= 0.5;
+    scene.cameras[0].lens = lens;
+    let own = truth(&scene, &TruthSettings { start_us: 100_000, ..settings }, &|_| true).unwrap();
+    assert_eq!(first.camera, own.camera);
+    assert_eq!(first.events, own.events);
+    assert!(first.events.len() > 50 && first.events != plain.events, "{} events", first.events.len());
 }

@@ -6,8 +6,7 @@ use evis_core::{Event, LabelKind};
 use evis_scene::builder::{EventCamera, Placement, SceneBuilder};
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    HostJump, HostNames, HostPose, HostStep, Lens, Light, LightChange, LightKind, Material, Scene,
-    ShadingModel, Variant,
+    HostJump, HostNames, HostPose, HostStep, Lens, Light, LightChange, LightKind, Material, Scene, Variant,
 };
 
 use crate::config::{Method, RunConfig, Shadows};
@@ -78,13 +77,14 @@ fn an_environment_fires_as_a_scene_of_its_own() {
     }
 }
 
-/// A white card that fills the picture, lit by a lamp of 1 lux from the front; a ball before it that a host moves.
+/// A white card that fills the picture, lit by a lamp of 1 lux from the front; a dark ball before it that a host moves.
 fn lit(environments: usize) -> Scene {
     let mut s = SceneBuilder::new("lit");
-    let diffuse = Material { model: ShadingModel::Diffuse, ..Material::default() };
-    let white = s.material(Material { name: "white".into(), ..diffuse }).unwrap();
+    let white = s.material(Material::diffuse("white")).unwrap();
     s.shape("card", Shape::Card { size: [40.0, 40.0] }, white, Placement::at([0.0, 0.0, -2.0])).unwrap();
-    s.shape("ball", Shape::Sphere { radius: 0.2 }, white, Placement::at([0.0, 0.0, -1.5])).unwrap();
+    let dark = Material { base_color: [0.2, 0.2, 0.2, 1.0], ..Material::diffuse("dark") };
+    let dark = s.material(dark).unwrap();
+    s.shape("ball", Shape::Sphere { radius: 0.2 }, dark, Placement::at([0.0, 0.0, -1.5])).unwrap();
     let lamp = Light {
         name: "lamp".into(),
         kind: LightKind::Directional,
