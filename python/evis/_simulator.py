@@ -177,8 +177,8 @@ class Simulator:
         a node gets a light of its own. Otherwise as ``poses``, which also moves lights.
     pose_step_us : int, optional
         With ``poses``, ``materials`` or ``lights``: steps are multiples of so many microseconds; 10000 where
-        not given. With ``native`` sampling it is a multiple of the time between two samples (250 us in every preset but
-        ``reference``, which has 125).
+        not given. With ``native`` sampling it is a multiple of the time between two samples (250 us in every
+        preset but ``reference``, which has 125).
     device : Device, str or int, optional
         A device, its index, or a part of its name; the fastest kind where not given. Where the machine has
         none, presets take decoupled sampling.

@@ -178,9 +178,9 @@ fn a_light_changes_in_steps() {
 fn truth_is_that_of_the_first_environment() {
     let mut scene = evis_scene::builtin::load("desk", 0).unwrap();
     let lamp = scene.lights[0].factors();
-    let lens = evis_scene::Lens::FieldOfView { fov_y: 0.4 };
+    let lens = evis_scene::Lens::FieldOfView { fov_y: 0.7 };
     let dim = LightFactors { intensity: 0.5 * lamp.intensity, ..lamp };
-    let settings = TruthSettings { size: Some((12, 9)), duration_us: 20_000, ..settings(20_000) };
+    let settings = TruthSettings { size: Some((24, 18)), ..settings(40_000) };
     let plain = truth(&scene, &settings, &|_| true).unwrap();
     scene.variants = vec![
         Variant { time_offset_s: 0.1, ..Variant::default() }.with_light(0, dim).with_lens(0, lens),
