@@ -8,8 +8,8 @@ use evis_core::SensorConfig;
 use evis_scene::builder::{EventCamera, Placement, SceneBuilder};
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    HostNames, HostPoses, HostStep, Light, LightChange, LightFactors, LightKind, Material, MaterialChange,
-    Scene, ShadingModel, Variant,
+    HostNames, HostPoses, HostStep, Light, LightChange, LightKind, Material, MaterialChange, Scene,
+    ShadingModel, Variant,
 };
 use evis_truth::{TruthSettings, truth};
 
@@ -176,22 +176,17 @@ fn a_light_changes_in_steps() {
 
 #[test]
 fn truth_is_that_of_the_first_environment() {
-    let mut scene = evis_scene::builtin::load("desk", 0).unwrap();
-    let lamp = scene.lights[0].factors();
+    let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
     let lens = evis_scene::Lens::FieldOfView { fov_y: 0.7 };
-    let dim = LightFactors { intensity: 0.5 * lamp.intensity, ..lamp };
-    let settings = TruthSettings { size: Some((24, 18)), ..settings(40_000) };
+    let settings = TruthSettings { size: Some((16, 12)), ..settings(40_000) };
     let plain = truth(&scene, &settings, &|_| true).unwrap();
-    scene.variants = vec![
-        Variant { time_offset_s: 0.1, ..Variant::default() }.with_light(0, dim).with_lens(0, lens),
-        Variant::default(),
-    ];
+    let first = Variant { time_offset_s: 0.1, ..Variant::default() }.with_lens(0, lens);
+    scene.variants = vec![first, Variant::default()];
     let first = truth(&scene, &settings, &|_| true).unwrap();
     scene.variants.clear();
-    scene.lights[0].intensity *= 0.5;
     scene.cameras[0].lens = lens;
     let own = truth(&scene, &TruthSettings { start_us: 100_000, ..settings }, &|_| true).unwrap();
     assert_eq!(first.camera, own.camera);
     assert_eq!(first.events, own.events);
-    assert!(first.events.len() > 50 && first.events != plain.events, "{} events", first.events.len());
+    assert!(first.events.len() > 5 && first.events != plain.events, "{} events", first.events.len());
 }
