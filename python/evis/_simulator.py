@@ -107,11 +107,12 @@ class Simulator:
         settings are used again. Arguments given here override it.
     method : {"native", "decoupled", "splat", "evis-paper"} or Warp, optional
         How light is sampled: instants are rendered (``native``), or splatted from keyframes; or visibility is
-        followed in continuous time and each pixel is evaluated at its own times, on the CPU (``decoupled``:
-        for sensors whose stages are not defined on frames; it needs a device for labels and frames only).
+        followed in continuous time and each pixel is evaluated at its own times, on the CPU (``decoupled``,
+        which needs a device for labels and frames only).
     rate_hz : float, optional
         Sampled instants per second, on a grid fixed in absolute time; 1000 without a preset. Only for
-        ``native``: a splat has its own.
+        ``native``, since a splat has its own, and for a sensor that is defined on frames: it takes so many
+        with ``decoupled``.
     adaptive_px : float, optional
         Only for ``native``: each tile of the picture is sampled no more often than that nothing it may show
         moves farther than so many pixels between two of its samples, and ``rate_hz`` at most. Where not

@@ -152,6 +152,14 @@ impl<'w, 'a> Blocks<'w, 'a> {
         Some(Block { jump: block.jump | std::mem::take(&mut self.jump), ..block })
     }
 
+    /// Whether light may jump where the next one starts; not yet known, and taken for no, of what a host moves.
+    pub fn next_jumps(&mut self) -> bool {
+        if self.found.is_empty() {
+            self.find();
+        }
+        self.jump || self.found.front().is_some_and(|block| block.jump)
+    }
+
     /// Says that at the start of the next one things are elsewhere all at once.
     pub fn jump(&mut self) {
         self.jump = true;

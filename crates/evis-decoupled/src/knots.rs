@@ -1,140 +1,88 @@
-//! A tile's light for sensors with more stages than thresholds: such a pixel's state changes without an event, so that all
-//! of its light counts, and not only where a threshold may be crossed.
+//! A tile's light during a block, for sensors with more stages than thresholds: a pixel's state changes without an event
+//! then, so that all of its light counts, and not only where a threshold may be crossed.
 //!
 //! The pixels of a tile share their times. A block is cut into the intervals that the fastest of them asks for; each moving
 //! pixel is evaluated at their ends, its knots, and light runs along cubics between them. A cubic that misses a pixel's light
-//! in the middle of two knots gives way to evaluations there. The sensor takes logarithms that are straight
-//! between parts of intervals.
+//! in the middle of two knots gives way to evaluations there. What comes out is straight between parts of intervals.
 
-use evis_core::Event;
-use evis_core::emulator::tiled::{Losses, SensorTile, TiledSensor};
-
-use crate::lists::{Entry, PIXELS, TILE};
+use crate::lists::{Entry, PIXELS};
 use crate::path::{INSTANT_US, stride};
 use crate::pixel::{Evaluator, PixelActivity, UNITS, Work};
 
-const _: () = assert!(evis_core::emulator::tiled::SIDE == TILE);
-
-/// Parts of an interval between two knots in which the sensor takes light for straight.
+/// Parts of an interval between two knots in which light counts as straight.
 const PARTS: u32 = 4;
 /// A cubic that is off by this part of the light in the middle of two knots gives way to evaluations.
 const TOLERANCE: f64 = 0.002;
 
-/// What a tile's pixels remember between blocks.
-#[derive(Clone, Debug)]
-pub(crate) struct SensedTile {
-    sensor: SensorTile,
-    /// The luminance that they saw last.
-    luminance: [f64; PIXELS],
-}
+/// A luminance per pixel of a tile; NaN of those outside the picture.
+pub(crate) type TileLuminance = [f64; PIXELS];
 
-/// A sensor, and how it follows light.
-#[derive(Clone, Debug)]
-pub(crate) struct Sensing {
-    pub sensor: TiledSensor,
-    pub step_px: f64,
-    pub start_us: i64,
-    /// `Y_ref`.
-    pub reference: f64,
-    /// Luminance that counts as none.
-    pub floor: f64,
-}
-
-/// What following a tile took, and what its pixels lost.
-#[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct Followed {
+/// A tile's light during a block: straight between times that are equally far apart.
+pub(crate) struct TileSignal {
+    /// At the block's start: after a jump, where there is one.
+    pub first: TileLuminance,
+    /// At the ends of equal parts of the block, one after another.
+    pub parts: Vec<TileLuminance>,
+    /// Evaluations that it took.
     pub evaluations: u64,
-    pub losses: Losses,
 }
 
-impl Sensing {
-    /// The tile at (column, row), whose pixels see `luminance` first, at `t_us` of scene time.
-    pub fn begin(&self, place: [usize; 2], luminance: [f64; PIXELS], t_us: f64) -> SensedTile {
-        let [x, y] = place.map(|v| (v * TILE) as u32);
-        let mut tile = SensedTile { sensor: self.sensor.tile(x, y), luminance };
-        self.take(&mut tile.sensor, &luminance, self.stream_us(t_us), &mut Vec::new());
-        tile
-    }
-
-    fn stream_us(&self, t_us: f64) -> i64 {
-        t_us.round() as i64 - self.start_us
-    }
-
-    fn take(
-        &self,
-        tile: &mut SensorTile,
-        luminance: &[f64; PIXELS],
-        t_us: i64,
-        events: &mut Vec<Event>,
-    ) -> Losses {
-        let light =
-            luminance.map(|v| if v.is_nan() { f32::NAN } else { (v / self.reference).max(0.0) as f32 });
-        self.sensor.advance(tile, &light, t_us, events)
-    }
-
-    /// Follows a tile through the block of `evaluator`. `activities` are of the pixels that are in the picture.
+impl TileSignal {
+    /// Follows a tile that had the light `before` at the end of the last block (`None` for one that begins) through the block of
+    /// `evaluator`. `activities` are of the pixels that are in the picture; what they see moves by at most `step_px` between knots,
+    /// and luminance of `floor` counts as none.
     pub fn follow(
-        &self,
-        tile: &mut Option<SensedTile>,
+        before: Option<&TileLuminance>,
         (evaluator, work): (&Evaluator, &mut Work),
-        (entries, place): (&[Entry], [usize; 2]),
-        activities: &[Option<PixelActivity>; PIXELS],
-        events: &mut Vec<Event>,
-    ) -> Followed {
+        (entries, activities): (&[Entry], &[Option<PixelActivity>; PIXELS]),
+        (step_px, floor): (f64, f64),
+    ) -> Self {
         let block = evaluator.block;
-        let mut followed = Followed::default();
+        let mut evaluations = 0;
         let moves = |pixel: usize| activities[pixel].is_some_and(|a| !a.still);
-        let strides = activities.iter().flatten().map(|a| stride(block, self.step_px, a));
+        let strides = activities.iter().flatten().map(|a| stride(block, step_px, a));
         // Of a cut, nothing but its end is seen.
         let shortest = strides.filter(|s| *s > 0).min().unwrap_or(UNITS);
         for pixel in (0..PIXELS).filter(|p| moves(*p)) {
             evaluator.expect(work, pixel, shortest);
         }
-        if tile.is_none() {
-            let mut first = [f64::NAN; PIXELS];
+        let mut first = before.copied().unwrap_or([f64::NAN; PIXELS]);
+        if before.is_none() || block.jump {
             for pixel in (0..PIXELS).filter(|p| activities[*p].is_some()) {
                 evaluator.enter_pixel(work, pixel);
-                first[pixel] = evaluator.first_luminance(work, entries);
+                first[pixel] = match before {
+                    Some(_) => evaluator.luminance(work, entries, 0),
+                    None => evaluator.first_luminance(work, entries),
+                };
+                evaluations += 1;
             }
-            followed.evaluations += PIXELS as u64;
-            *tile = Some(self.begin(place, first, block.start_us));
-        }
-        let Some(SensedTile { sensor, luminance }) = tile else { return followed };
-        if block.jump {
-            for pixel in (0..PIXELS).filter(|p| activities[*p].is_some()) {
-                evaluator.enter_pixel(work, pixel);
-                luminance[pixel] = evaluator.luminance(work, entries, 0);
-                followed.evaluations += 1;
-            }
-            // Light was as before until now.
-            followed.losses.add(self.take(sensor, luminance, self.stream_us(block.start_us) + 1, events));
         }
         let count = (UNITS / shortest) as usize;
         let parts = [PARTS, 2, 1].into_iter().find(|p| shortest.is_multiple_of(*p)).unwrap_or(1);
         let parts = if block.length_us() <= INSTANT_US || !(0..PIXELS).any(moves) { 1 } else { parts };
-        // Light at all parts, from the second on: what stands still has it already.
-        let mut light = vec![*luminance; count * parts as usize];
+        // What stands still has its light already.
+        let mut light = vec![first; count * parts as usize];
         let mut knots = vec![0.0; count + 1];
         for pixel in (0..PIXELS).filter(|p| moves(*p)) {
             evaluator.enter_pixel(work, pixel);
-            knots[0] = luminance[pixel];
+            knots[0] = first[pixel];
             for (k, knot) in knots.iter_mut().enumerate().skip(1) {
                 *knot = evaluator.luminance(work, entries, k as u32 * shortest);
             }
-            followed.evaluations += count as u64;
+            evaluations += count as u64;
             for k in 0..count {
                 let mut at = |part: u32| {
-                    followed.evaluations += 1;
+                    evaluations += 1;
                     evaluator.luminance(work, entries, k as u32 * shortest + part * shortest / parts)
                 };
                 let own = &mut light[k * parts as usize..(k + 1) * parts as usize];
                 let curve = Curve::about(&knots, k);
                 let mut exact = [false; PARTS as usize];
-                if parts == PARTS && curve.error > TOLERANCE * (curve.least() + self.floor) {
+                if parts == PARTS && curve.error > TOLERANCE * (curve.least() + floor) {
                     let middle = at(2);
                     own[1][pixel] = middle;
                     exact[1] = true;
-                    if (middle - curve.at(0.5)).abs() > TOLERANCE * (middle + self.floor) {
+                    if (middle - curve.at(0.5)).abs() > TOLERANCE * (middle + floor) {
                         for part in [1, 3] {
                             own[part as usize - 1][pixel] = at(part);
                             exact[part as usize - 1] = true;
@@ -147,13 +95,26 @@ impl Sensing {
                     }
                 }
             }
-            luminance[pixel] = knots[count];
+            // At its end, light is what was evaluated there, without the rounding of a cubic.
+            if let Some(last) = light.last_mut() {
+                last[pixel] = knots[count];
+            }
         }
-        for (index, light) in light.iter().enumerate() {
-            let u = (index + 1) as f64 / (count * parts as usize) as f64;
-            followed.losses.add(self.take(sensor, light, self.stream_us(block.at(u)), events));
-        }
-        followed
+        Self { first, parts: light, evaluations }
+    }
+
+    /// Light at the block's end.
+    pub fn last(&self) -> &TileLuminance {
+        self.parts.last().unwrap_or(&self.first)
+    }
+
+    /// Light at `u` in [0, 1] of the block.
+    pub fn at(&self, u: f64) -> TileLuminance {
+        let place = u.clamp(0.0, 1.0) * self.parts.len() as f64;
+        let part = (place as usize).min(self.parts.len() - 1);
+        let from = if part > 0 { &self.parts[part - 1] } else { &self.first };
+        let (to, within) = (&self.parts[part], place - part as f64);
+        std::array::from_fn(|pixel| from[pixel] + within * (to[pixel] - from[pixel]))
     }
 }
 
@@ -203,6 +164,15 @@ impl Curve {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn light_is_straight_between_parts() {
+        let at = |value: f64| [value; PIXELS];
+        let signal = TileSignal { first: at(1.0), parts: vec![at(2.0), at(6.0)], evaluations: 0 };
+        for (u, expected) in [(0.0, 1.0), (0.25, 1.5), (0.5, 2.0), (0.75, 4.0), (1.0, 6.0), (1.1, 6.0)] {
+            assert_eq!(signal.at(u), at(expected), "{u}");
+        }
+    }
 
     #[test]
     fn a_curve_meets_cubics_and_knows_where_it_does_not() {

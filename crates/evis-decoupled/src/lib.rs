@@ -4,13 +4,14 @@
 //! Modules read earlier ones only: [`world`] flattens a scene; [`blocks`] cuts time and bounds motion; [`lists`] says
 //! what tiles and pixels may see; [`coverage`] how much of a pixel each facet covers at a time; [`texture`], [`light`]
 //! and [`shadow`] what it sends; [`path`] follows a pixel's light; [`events`] crosses thresholds; `knots` gives a tile's light to sensors with
-//! more stages than these.
+//! more stages than these: `sensing` tile by tile, `frames` as pictures.
 
 pub mod blocks;
 pub mod coverage;
 pub mod environment;
 pub mod events;
 pub mod fragment;
+mod frames;
 mod hash;
 pub mod keyframe;
 mod knots;
@@ -23,6 +24,7 @@ pub mod material;
 pub mod pages;
 pub mod path;
 pub mod pixel;
+mod sensing;
 pub mod shadow;
 mod simulate;
 mod stream;

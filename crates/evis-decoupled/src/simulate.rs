@@ -5,21 +5,23 @@ use std::sync::{Mutex, PoisonError};
 use std::time::Instant;
 
 use evis_core::emulator::parts::ReadoutQueue;
-use evis_core::emulator::tiled::{Losses, TiledSensor};
+use evis_core::emulator::tiled::{Losses, SensorTile, TiledSensor};
 use evis_core::event::take_causes;
 use evis_core::random::Key;
-use evis_core::{ConfigError, Event, SensorConfig};
+use evis_core::{ConfigError, Event, Sensor, SensorConfig, TimeGrid};
 use evis_scene::{Scene, Variant};
 use rayon::prelude::*;
 
 use crate::Error;
 use crate::blocks::{Block, Blocks, Clock, blocks};
 use crate::events::Thresholds;
-use crate::knots::{SensedTile, Sensing};
+use crate::frames::{FrameSensor, Taken, block_us};
+use crate::knots::{TileLuminance, TileSignal};
 use crate::light::{Lighting, Shared};
 use crate::lists::{Entry, Lists, PIXELS, TILE};
 use crate::path::{PixelPath, STEP_PX, stride};
 use crate::pixel::{Evaluator, UNITS, Work};
+use crate::sensing::Sensing;
 use crate::world::World;
 
 /// Limits of [`Settings::step_px`].
@@ -29,10 +31,14 @@ const MOST_STEP_PX: f64 = 8.0;
 /// Settings of a run.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// The sensor; one whose stages are defined on frames is refused.
+    /// The sensor.
     pub sensor: SensorConfig,
     /// Of all that is random in it.
     pub key: Key,
+    /// Frames per second that a sensor takes whose stages are defined on them ([`SensorConfig::needs_frames`]).
+    pub rate_hz: f64,
+    /// Threads that such a sensor's pixels are shared among; 0: as many as there are cores.
+    pub sensor_threads: usize,
     /// Index of the camera.
     pub camera: usize,
     /// Width and height in pixels; `None` takes the camera's own.
@@ -55,6 +61,8 @@ impl Default for Settings {
         Self {
             sensor: SensorConfig::default(),
             key: Key::new(0, 0, 0),
+            rate_hz: 1000.0,
+            sensor_threads: 0,
             camera: 0,
             size: None,
             start_us: 0,
@@ -68,7 +76,8 @@ impl Default for Settings {
 
 impl Settings {
     pub(crate) fn check(&self) -> Result<(), Error> {
-        TiledSensor::check(&self.sensor)?;
+        Sensor::new(self.sensor.clone())?;
+        TimeGrid::new(self.rate_hz)?;
         if !(64..=1 << 20).contains(&self.block_us) || self.block_us.count_ones() != 1 {
             let remedy = "a power of two between 64 and 1048576 microseconds";
             return Err(ConfigError::new("block_us", self.block_us, remedy).into());
@@ -84,6 +93,14 @@ impl Settings {
             return Err(ConfigError::new("start_us", self.start_us, "between 0 and a day").into());
         }
         Ok(())
+    }
+
+    /// The length of blocks: that asked for, or a shorter one that holds the frames of a sensor that takes them.
+    pub(crate) fn most_us(&self) -> i64 {
+        match self.sensor.needs_frames() {
+            Some(_) => block_us(self.block_us, self.rate_hz),
+            None => self.block_us,
+        }
     }
 }
 
@@ -128,8 +145,13 @@ pub struct Outcome {
 struct Row {
     /// Per pixel, of a sensor of thresholds.
     paths: Vec<Option<PixelPath>>,
-    /// Per tile, of any other.
-    tiles: Vec<Option<SensedTile>>,
+    /// Per tile, of any other sensor: the light that it saw last.
+    lights: Vec<Option<TileLuminance>>,
+    /// Per tile, of one that is followed in continuous time.
+    sensors: Vec<Option<SensorTile>>,
+    /// Of one that takes frames: the columns of tiles that were followed through the block in work, and their light at all frames.
+    columns: Vec<usize>,
+    samples: Vec<f32>,
     events: Vec<Event>,
     report: Report,
 }
@@ -141,7 +163,7 @@ struct Following {
     start_us: i64,
     /// Which tiles are followed, row by row; all where it is empty.
     only: Vec<bool>,
-    /// A sensor with more stages than thresholds.
+    /// A sensor with more stages than thresholds, in continuous time.
     sensing: Option<Sensing>,
 }
 
@@ -151,8 +173,10 @@ pub(crate) struct Pixels {
     /// Per thread of the pool, and one for whoever is none of them.
     rooms: Vec<Mutex<Work>>,
     following: Following,
-    /// Where events of a sensor with more stages than thresholds wait.
+    /// Where events wait for their turn on the bus, of a sensor with more stages than thresholds.
     queue: Option<ReadoutQueue>,
+    /// A sensor that takes frames.
+    frames: Option<FrameSensor>,
     report: Report,
 }
 
@@ -171,20 +195,25 @@ impl Pixels {
         let columns = (world.lens.width as usize).div_ceil(TILE);
         let thresholds = Thresholds::new(&settings.sensor, reference_luminance);
         let ideal = settings.sensor.is_ideal();
-        let sensing = if ideal {
-            None
-        } else {
-            Some(Sensing {
-                sensor: TiledSensor::new(&settings.sensor, settings.key, world.lens.width)?,
-                step_px: settings.step_px,
-                start_us: settings.start_us,
+        let Settings { sensor, key, start_us, rate_hz, .. } = settings;
+        let (mut sensing, mut frames) = (None, None);
+        if sensor.needs_frames().is_some() {
+            let size = [world.lens.width, world.lens.height];
+            let stream = (reference_luminance, *start_us, *rate_hz);
+            frames = Some(FrameSensor::new((sensor, *key), size, stream, settings.sensor_threads)?);
+        } else if !ideal {
+            sensing = Some(Sensing {
+                sensor: TiledSensor::new(sensor, *key, world.lens.width)?,
+                start_us: *start_us,
                 reference: reference_luminance,
-                floor: thresholds.floor(),
-            })
-        };
+            });
+        }
         let new_row = |_| Row {
             paths: if ideal { vec![None; columns * PIXELS] } else { Vec::new() },
-            tiles: if ideal { Vec::new() } else { vec![None; columns] },
+            lights: if ideal { Vec::new() } else { vec![None; columns] },
+            sensors: if sensing.is_some() { vec![None; columns] } else { Vec::new() },
+            columns: Vec::new(),
+            samples: Vec::new(),
             events: Vec::new(),
             report: Report::default(),
         };
@@ -199,6 +228,7 @@ impl Pixels {
                 only: only.to_vec(),
                 sensing,
             },
+            frames,
             report: Report::default(),
         })
     }
@@ -216,23 +246,26 @@ impl Pixels {
             for (slot, path) in of.paths.iter_mut().enumerate() {
                 *path = at(slot).map(|luminance| PixelPath::new(t_us, luminance, thresholds));
             }
-            for (column, tile) in of.tiles.iter_mut().enumerate() {
-                let luminance = std::array::from_fn(|pixel| at(column * PIXELS + pixel).unwrap_or(f64::NAN));
-                *tile = sensing.as_ref().map(|sensing| sensing.begin([column, row], luminance, t_us));
+            for (column, light) in of.lights.iter_mut().enumerate() {
+                let own = std::array::from_fn(|pixel| at(column * PIXELS + pixel).unwrap_or(f64::NAN));
+                if let Some(sensing) = sensing {
+                    of.sensors[column] = Some(sensing.begin([column, row], &own, t_us));
+                }
+                *light = Some(own);
             }
         }
     }
 
     /// What leaves the sensor during `block`, in canonical order, marked with causes and in stream time; `None` where `stop` was set meanwhile: then some of
-    /// them are at its end and others are not.
+    /// them are at its end and others are not. `jumps_next` says that light may jump at its end.
     ///
     /// # Errors
-    /// A camera without a pose.
+    /// A camera without a pose, and light that is no number.
     pub(crate) fn follow(
         &mut self,
         world: &World,
         lighting: &mut Lighting,
-        block: Block,
+        (block, jumps_next): (Block, bool),
         stop: &AtomicBool,
     ) -> Result<Option<Vec<Event>>, Error> {
         let started = Instant::now();
@@ -243,18 +276,25 @@ impl Pixels {
         lighting.prepare(&mut clock, &block)?;
         self.report.light_s += started.elapsed().as_secs_f64();
         let lighting = &*lighting;
-        let (following, rooms) = (&self.following, &self.rooms);
+        let taken = self.frames.as_mut().map(|frames| frames.taken(block, jumps_next));
+        let (following, rooms, taken) = (&self.following, &self.rooms, taken.as_ref());
         self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
             if !stop.load(Ordering::Relaxed) {
                 let evaluator = Evaluator { world, lists: &lists, lighting, block, once: false };
                 // Pages of pictures that rows share are found by the thread that rendered them.
                 let own = rayon::current_thread_index().unwrap_or(usize::MAX).min(rooms.len() - 1);
                 let mut work = rooms[own].lock().unwrap_or_else(PoisonError::into_inner);
-                row.follow(&mut work, &evaluator, following, index);
+                row.follow(&mut work, &evaluator, (following, taken), index);
             }
         });
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
+        }
+        if let (Some(frames), Some(taken)) = (&mut self.frames, taken) {
+            let rows: Vec<_> = self.rows.iter().map(|row| (&row.samples[..], &row.columns[..])).collect();
+            let mut events = Vec::new();
+            self.report.losses.add(frames.take(taken, &rows, &mut events)?);
+            return Ok(Some(events));
         }
         let mut events: Vec<Event> = self.rows.iter_mut().flat_map(|row| row.events.drain(..)).collect();
         // Stable: events of one pixel at one microsecond keep their firing order.
@@ -266,6 +306,12 @@ impl Pixels {
             events = left;
         }
         Ok(Some(events))
+    }
+
+    /// Stream time before which all events are there, of a sensor that takes frames; of any other, that is where its last block
+    /// ended.
+    pub(crate) fn complete_us(&self) -> Option<i64> {
+        self.frames.as_ref().map(FrameSensor::complete_us)
     }
 
     /// What it took so far.
@@ -299,7 +345,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     let world = World::new(scene, settings.camera, settings.size)?;
     let mut lighting = Lighting::new(&world, &Shared::new(scene));
     let end_us = (settings.start_us + settings.duration_us) as f64;
-    let mut blocks = Blocks::new(&world, settings.start_us, settings.block_us, settings.block_us);
+    let mut blocks = Blocks::new(&world, settings.start_us, settings.most_us(), settings.block_us);
     let first = blocks.peek();
     let seen = match settings.reference_luminance {
         Some(_) => None,
@@ -315,7 +361,8 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     while blocks.start_us() < end_us
         && let Some(block) = blocks.pop()
     {
-        let found = pixels.follow(&world, &mut lighting, block, &AtomicBool::new(false))?;
+        let found =
+            pixels.follow(&world, &mut lighting, (block, blocks.next_jumps()), &AtomicBool::new(false))?;
         events.extend(found.into_iter().flatten());
     }
     events.retain(|e| (0..settings.duration_us).contains(&e.t));
@@ -326,7 +373,15 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
 }
 
 impl Row {
-    fn follow(&mut self, work: &mut Work, evaluator: &Evaluator, following: &Following, row: usize) {
+    fn follow(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        (following, taken): (&Following, Option<&Taken>),
+        row: usize,
+    ) {
+        self.columns.clear();
+        self.samples.clear();
         let columns = evaluator.lists.columns;
         let only = following.only.get(row * columns..(row + 1) * columns).unwrap_or_default();
         if !only.is_empty() && !only.contains(&true) {
@@ -338,7 +393,7 @@ impl Row {
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| only.get(*column) != Some(&false))
         {
-            self.tile(work, evaluator, following, tile, [column, row]);
+            self.tile(work, evaluator, (following, taken), tile, [column, row]);
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();
     }
@@ -347,7 +402,7 @@ impl Row {
         &mut self,
         work: &mut Work,
         evaluator: &Evaluator,
-        following: &Following,
+        (following, taken): (&Following, Option<&Taken>),
         entries: &[Entry],
         [column, row]: [usize; 2],
     ) {
@@ -364,12 +419,20 @@ impl Row {
             self.report.entries += work.entry_count(pixel) as u64;
             self.report.pixel_blocks += 1;
         }
-        if let Some(sensing) = sensing {
-            let tile = &mut self.tiles[column];
-            let (at, with) = ((entries, [column, row]), (evaluator, work));
-            let followed = sensing.follow(tile, with, at, &activities, &mut self.events);
-            self.report.evaluations += followed.evaluations;
-            self.report.losses.add(followed.losses);
+        if sensing.is_some() || taken.is_some() {
+            let (before, with) = (self.lights[column].as_ref(), (evaluator, &mut *work));
+            let accuracy = (*step_px, thresholds.floor());
+            let signal = TileSignal::follow(before, with, (entries, &activities), accuracy);
+            self.report.evaluations += signal.evaluations;
+            if let Some(sensing) = sensing {
+                let (tile, at) = (&mut self.sensors[column], (block, [column, row]));
+                self.report.losses.add(sensing.follow(tile, at, &signal, &mut self.events));
+            }
+            if let Some(taken) = taken {
+                self.columns.push(column);
+                taken.sample(&signal, &mut self.samples);
+            }
+            self.lights[column] = Some(*signal.last());
             return;
         }
         for (pixel, activity) in activities.iter().enumerate() {

@@ -29,7 +29,7 @@ pub struct View {
     pub camera: usize,
     /// Index into [`Scene::variants`]; `None` is the scene as it is.
     pub variant: Option<usize>,
-    /// Its sensor; one whose stages are defined on frames is refused.
+    /// Its sensor; without an exposure where a host gives poses, since that ends after a step.
     pub sensor: SensorConfig,
     /// Of all that is random in it.
     pub key: Key,
@@ -46,6 +46,8 @@ pub struct StreamSettings {
     pub reference_luminance: Option<f32>,
     /// See [`Settings::step_px`].
     pub step_px: f64,
+    /// See [`Settings::rate_hz`].
+    pub rate_hz: f64,
     /// Where a host moves nodes: microseconds, of which everything that is wanted is a multiple.
     pub pose_step_us: i64,
     /// Per view, row by row: in which tiles of [`crate::lists::TILE`] pixels anything may fire; everywhere in a view of which it says nothing.
@@ -54,16 +56,30 @@ pub struct StreamSettings {
 
 impl Default for StreamSettings {
     fn default() -> Self {
-        let Settings { size, start_us, step_px, .. } = Settings::default();
-        Self { size, start_us, step_px, reference_luminance: None, pose_step_us: 10_000, only: Vec::new() }
+        let Settings { size, start_us, step_px, rate_hz, .. } = Settings::default();
+        let (reference_luminance, pose_step_us, only) = (None, 10_000, Vec::new());
+        Self { size, start_us, step_px, rate_hz, reference_luminance, pose_step_us, only }
     }
 }
 
 impl StreamSettings {
-    fn of(&self, view: &View) -> Settings {
-        let (sensor, camera, key) = (view.sensor.clone(), view.camera, view.key);
-        let Self { size, start_us, step_px, .. } = *self;
-        Settings { sensor, key, camera, size, start_us, step_px, ..Settings::default() }
+    /// Those of one of `views`.
+    fn of(&self, views: &[View], view: usize) -> Settings {
+        let View { sensor, camera, key, .. } = views[view].clone();
+        let Self { size, start_us, step_px, rate_hz, .. } = *self;
+        // Many views have many sensors.
+        let sensor_threads = usize::from(views.len() > 1);
+        Settings {
+            sensor,
+            key,
+            camera,
+            size,
+            start_us,
+            step_px,
+            rate_hz,
+            sensor_threads,
+            ..Settings::default()
+        }
     }
 }
 
@@ -123,8 +139,8 @@ impl Stream {
     /// # Errors
     /// A setting or a camera that cannot be used, and a scene that this method cannot show.
     pub fn new(scene: Arc<Scene>, views: Vec<View>, settings: &StreamSettings) -> Result<Self, Error> {
-        for view in &views {
-            settings.of(view).check()?;
+        for index in 0..views.len() {
+            settings.of(&views, index).check()?;
         }
         if let Some(limit) = unsupported(&scene) {
             return Err(Error::Unsupported(limit));
@@ -236,8 +252,8 @@ fn follow(
     abort: &AtomicBool,
     cost: &Cost,
 ) -> Result<(), Error> {
-    let usual = Settings::default();
     let start_us = settings.start_us;
+    let most_us: Vec<i64> = (0..views.len()).map(|view| settings.of(views, view).most_us()).collect();
     let worlds: Vec<World> = views
         .iter()
         .map(|v| {
@@ -248,7 +264,8 @@ fn follow(
     let mut lightings: Vec<Lighting> = worlds.iter().map(|world| Lighting::new(world, &shared)).collect();
     let mut blocks: Vec<Blocks> = worlds
         .iter()
-        .map(|world| Blocks::new(world, start_us, usual.block_us, settings.pose_step_us))
+        .zip(&most_us)
+        .map(|(world, most_us)| Blocks::new(world, start_us, *most_us, settings.pose_step_us))
         .collect();
     // The first view as it begins; `None` where nobody asks.
     let mut seen = None;
@@ -264,7 +281,7 @@ fn follow(
     let mut views = views.to_vec();
     let new_pixels = |views: &[View], view: usize| {
         let only = settings.only.get(view).map_or(&[][..], Vec::as_slice);
-        Pixels::new(&worlds[view], &settings.of(&views[view]), f64::from(reference), only)
+        Pixels::new(&worlds[view], &settings.of(views, view), f64::from(reference), only)
     };
     let new = |view: usize| new_pixels(&views, view);
     let mut pixels: Vec<Pixels> = (0..views.len()).map(new).collect::<Result<_, _>>()?;
@@ -274,14 +291,16 @@ fn follow(
     // Nobody waits for it: then the wanted times end, too.
     let _ = ready.send(Ok(reference));
 
-    let complete_us = |blocks: &Blocks| blocks.start_us().floor() as i64 - start_us;
+    let complete_us = |pixels: &Pixels, blocks: &Blocks| {
+        pixels.complete_us().unwrap_or(blocks.start_us().floor() as i64 - start_us)
+    };
     let pixel_count = |world: &World| f64::from(world.lens.width) * f64::from(world.lens.height);
     let all_pixels: f64 = worlds.iter().map(pixel_count).sum();
     let whole = scene.host_poses.is_none() && settings.only.is_empty();
     let mut horizon_us = 0;
     loop {
-        let behind = (0..views.len()).min_by_key(|&v| complete_us(&blocks[v]));
-        let behind = behind.filter(|&v| complete_us(&blocks[v]) < horizon_us);
+        let complete = |view: usize| complete_us(&pixels[view], &blocks[view]);
+        let behind = (0..views.len()).min_by_key(|&v| complete(v)).filter(|&v| complete(v) < horizon_us);
         let Some((view, block)) = behind.and_then(|view| Some((view, blocks[view].pop()?))) else {
             match orders.recv() {
                 Ok(Order::Until(until_us)) => horizon_us = horizon_us.max(until_us),
@@ -299,16 +318,17 @@ fn follow(
         };
         let world = &worlds[view];
         let began = Instant::now();
-        let Some(events) = pixels[view].follow(world, &mut lightings[view], block, abort)? else {
+        let at = (block, blocks[view].next_jumps());
+        let Some(events) = pixels[view].follow(world, &mut lightings[view], at, abort)? else {
             return Ok(());
         };
         // A short block takes more than its part of a usual one.
-        if whole && 2.0 * block.length_us() >= world.block_us(usual.block_us) as f64 {
+        if whole && 2.0 * block.length_us() >= world.block_us(most_us[view]) as f64 {
             let of_all = began.elapsed().as_secs_f64() * all_pixels / pixel_count(world);
             // Only the first is kept.
             let _ = cost.0.set(of_all * 1e6 / block.length_us());
         }
-        let complete_us = complete_us(&blocks[view]);
+        let complete_us = complete_us(&pixels[view], &blocks[view]);
         let report = pixels[view].report(&lightings[view]);
         if pieces.send(Ok(Piece { view, complete_us, events, report })).is_err() {
             return Ok(());

@@ -4,7 +4,6 @@ use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
-use evis_core::emulator::tiled::TiledSensor;
 use evis_core::event::take_causes;
 use evis_core::random::Key;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, SensorConfig, TimeGrid};
@@ -62,6 +61,7 @@ impl Decoupled {
             start_us: config.start_us,
             reference_luminance: config.reference_luminance,
             step_px: config.adaptive_px.unwrap_or(StreamSettings::default().step_px),
+            rate_hz: config.rate_hz,
             pose_step_us: config.pose_step_us.unwrap_or(StreamSettings::default().pose_step_us),
             only: Vec::new(),
         };
@@ -139,18 +139,10 @@ impl Decoupled {
         self.pictures.as_ref().map_or(Ok(()), Engine::check_reset)
     }
 
-    /// Whether a view can have `sensor` from a reset on.
-    ///
-    /// # Errors
-    /// One whose stages are defined on frames.
-    pub fn check_sensor(&self, sensor: &SensorConfig) -> Result<(), ConfigError> {
-        TiledSensor::check(sensor)
-    }
-
     /// Resets environments at the present: see [`Engine::reset`].
     ///
     /// # Errors
-    /// As [`Decoupled::check_reset`] and [`Decoupled::check_sensor`]; the device may fail.
+    /// As [`Decoupled::check_reset`]; the device may fail.
     pub fn reset(
         &mut self,
         environments: &[usize],
@@ -159,9 +151,6 @@ impl Decoupled {
         lenses: &[(usize, PixelLens)],
     ) -> Result<(), EngineError> {
         self.check_reset()?;
-        for (_, sensor) in sensors {
-            self.check_sensor(sensor)?;
-        }
         for (view, sensor) in sensors {
             self.views[*view].sensor = sensor.clone();
             self.seen[*view].sensor = sensor.clone();

@@ -110,7 +110,8 @@ impl Source {
     fn check_sensor(&self, view: usize, sensor: &SensorConfig) -> Result<(), ConfigError> {
         match self {
             Self::Sampled(engine) => engine.check_sensor(view, sensor),
-            Self::Decoupled(views) => views.check_sensor(sensor),
+            // It takes any that a host's steps allow.
+            Self::Decoupled(_) => Ok(()),
         }
     }
 
@@ -413,6 +414,9 @@ impl Simulator {
         for lens in lenses {
             seen.push(self.pixel_lens(environments, lens)?);
         }
+        if self.host_poses.is_some() {
+            check_driven(&self.config, own.iter().map(|(_, sensor)| sensor))?;
+        }
         match &self.host_poses {
             Some(host) => host.jump(jump)?,
             None if jump.environments().next().is_none() => {}
@@ -517,7 +521,7 @@ fn not_driven() -> ConfigError {
 /// Whether everything that `config` asks for can be had of poses that are known no further than a step's end.
 fn check_driven<'a>(
     config: &RunConfig,
-    mut sensors: impl Iterator<Item = &'a SensorConfig>,
+    sensors: impl Iterator<Item = &'a SensorConfig> + Clone,
 ) -> Result<(), ConfigError> {
     let refused = |what: &str, value: &str, remedy: &str| {
         Err(ConfigError::new(what, value, format!("{remedy}, where poses come from a host")))
@@ -532,12 +536,13 @@ fn check_driven<'a>(
     if config.frame_rate_hz.is_some() {
         return refused("frame_rate", "given", "none: exposures last beyond a step");
     }
-    if sensors.any(|sensor| !sensor.exposure.is_off()) {
+    if sensors.clone().any(|sensor| !sensor.exposure.is_off()) {
         return refused("sensor.exposure", "on", "off: exposures last beyond a step");
     }
     let step_us = config.pose_step_us.unwrap_or(0);
     let apart_us = 1e6 / config.rate_hz;
-    let sampled = config.method != Method::Decoupled;
+    let sampled =
+        config.method != Method::Decoupled || sensors.clone().any(|sensor| sensor.needs_frames().is_some());
     if sampled && step_us > 0 && (apart_us.fract() != 0.0 || (step_us as f64 / apart_us).fract() != 0.0) {
         let remedy = format!(
             "a multiple of the time between two samples, which is a whole number of microseconds ({apart_us} us now)"

@@ -150,6 +150,15 @@ impl SamplingSettings {
         let own = decoupled.filter(|_| config.method == Method::Decoupled);
         config.adaptive_px = step_px.or(own.map(|own| own.step_px));
         config.between = if step_px.is_some() { Interpolation::Curve } else { Interpolation::Line };
+        let framed = views.iter().find_map(|view| view.sensor.needs_frames());
+        if config.method == Method::Decoupled
+            && let Some(stage) = framed
+        {
+            notes.push(format!(
+                "the sensor takes {} frames per second: {stage} is defined on them",
+                self.rate_hz
+            ));
+        }
         if config.method == Method::Native && views.iter().any(|view| view.distorted.is_some()) {
             (config.adaptive_px, config.between) = (None, Interpolation::Line);
             config.rate_hz = self.fixed_rate_hz;
@@ -205,9 +214,6 @@ pub fn settle<'a>(
 fn decoupled_limit(scene: &Scene, views: &[View]) -> Option<String> {
     if views.iter().any(|view| view.distorted.is_some()) {
         return Some("distorted lenses".into());
-    }
-    if let Some(stage) = views.iter().find_map(|view| view.sensor.needs_frames()) {
-        return Some(format!("sensor with {stage}, which is defined on frames"));
     }
     evis_decoupled::unsupported(scene)
 }

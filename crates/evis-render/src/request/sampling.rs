@@ -1,11 +1,12 @@
 //! What a user asks of sampling.
 
-use evis_core::{ConfigError, Word};
+use evis_core::{ConfigError, SensorConfig, Word};
 use evis_scene::Scene;
 
 use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use crate::request::quality::SamplingSettings;
 
 /// What a user may ask of sampling; `None` where nothing was said.
 ///
@@ -33,7 +34,8 @@ pub struct SamplingRequest {
     pub shadows: Option<Shadows>,
 }
 
-const NO_INSTANTS: &str = "left out: decoupled sampling evaluates each pixel at its own times";
+const NO_INSTANTS: &str =
+    "left out: decoupled sampling evaluates each pixel at its own times, and this sensor takes no frames";
 
 impl SamplingRequest {
     /// The first setting that was given by hand, and its value.
@@ -51,9 +53,11 @@ impl SamplingRequest {
         .find_map(|(name, value)| Some((name, value?)))
     }
 
-    /// The first setting of rendered instants that was given by hand, and its value.
-    fn of_instants(&self) -> Option<(&'static str, String)> {
-        Self { adaptive_px: None, ..self.clone() }.by_hand()
+    /// The first setting of rendered instants that was given by hand, and its value. Where sensors take frames, the rate is
+    /// theirs, however light is sampled.
+    fn of_instants(&self, framed: bool) -> Option<(&'static str, String)> {
+        let rate_hz = self.rate_hz.filter(|_| !framed);
+        Self { adaptive_px: None, rate_hz, ..self.clone() }.by_hand()
     }
 
     /// Checks what contradicts itself, without scene or device.
@@ -78,7 +82,8 @@ impl SamplingRequest {
                 "left out: decoupled sampling has no presets",
             ));
         }
-        if decoupled && let Some((name, value)) = self.of_instants() {
+        // What the rate is of depends on the sensor.
+        if decoupled && let Some((name, value)) = self.of_instants(true) {
             return Err(ConfigError::new(name, value, NO_INSTANTS));
         }
         if let (Some(method), Some(rate_hz)) = (keyframes, self.rate_hz) {
@@ -113,19 +118,23 @@ impl SamplingRequest {
             config.shadows = self.shadows;
         }
         let mut notes = Vec::new();
+        let takes_frames = |sensor: &SensorConfig| sensor.needs_frames().is_some();
+        let framed = takes_frames(&config.sensor) || config.sensors.values().any(takes_frames);
         if let Some(quality) = self.preset() {
-            notes = quality.sampling().apply(gpu, scene, config)?;
-            let renders = self.of_instants().is_some() || self.method == Some(Method::Native);
+            let sampling = quality.sampling();
+            let sampling = SamplingSettings { rate_hz: self.rate_hz.unwrap_or(sampling.rate_hz), ..sampling };
+            notes = sampling.apply(gpu, scene, config)?;
+            let renders = self.of_instants(framed).is_some() || self.method == Some(Method::Native);
             if config.method == Method::Decoupled && renders {
                 // Settings of instants are for rendered ones.
-                notes = quality.sampling().rendered().apply(gpu, scene, config)?;
+                notes = sampling.rendered().apply(gpu, scene, config)?;
             }
             config.quality = self.by_hand().is_none().then_some(quality);
         } else if let Some(method) = self.method {
             config.method = method;
         }
         if config.method == Method::Decoupled
-            && let Some((name, value)) = self.of_instants()
+            && let Some((name, value)) = self.of_instants(framed)
         {
             return Err(ConfigError::new(name, value, NO_INSTANTS).into());
         }

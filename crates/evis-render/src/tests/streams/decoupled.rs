@@ -37,8 +37,23 @@ fn by_view(packets: impl IntoIterator<Item = Packet>) -> Vec<Vec<Event>> {
     events
 }
 
+/// One of thresholds, one that is followed in continuous time, and one that takes frames of an exposure.
+fn sensors() -> [SensorConfig; 3] {
+    let preset = |name| SensorConfig::preset(name).unwrap();
+    let mut exposed = preset("v2e");
+    exposed.exposure.time_us = 1500;
+    [SensorConfig::default(), preset("dvxplorer-like"), exposed]
+}
+
 #[test]
 fn packets_streams_and_neighbours_change_no_byte() {
+    for sensor in sensors() {
+        no_byte_changes(RunConfig { sensor, ..config() });
+    }
+}
+
+fn no_byte_changes(config: RunConfig) {
+    let config = || config.clone();
     let mut scene = (*scene("spinner")).clone();
     let clock = |time_offset_s| Variant { time_offset_s, ..Variant::default() };
     scene.variants = vec![clock(0.0), clock(0.3)];
@@ -160,6 +175,91 @@ fn a_sensor_with_noise_fires_as_rendering_says() {
     assert!(own > 20 && own.abs_diff(rendered) * 4 < own, "{own} suppressed, {rendered} by rendering");
 }
 
+/// Of light that is rendered at the same rate, with 144 samples.
+#[test]
+fn a_sensor_that_takes_frames_fires_as_rendering_says() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let preset = |name| SensorConfig::preset(name).unwrap();
+    let mut exposed = SensorConfig::default();
+    exposed.exposure.time_us = 2000;
+    let sensors = [
+        ("evis", preset("evis")),
+        ("v2e", preset("v2e")),
+        ("openeb", preset("openeb")),
+        ("exposed", exposed),
+    ];
+    for (name, sensor) in sensors {
+        let config = |method| RunConfig {
+            method,
+            sensor: sensor.clone(),
+            labels: vec![LabelKind::Cause],
+            size: Some((64, 48)),
+            seed: 3,
+            reference_luminance: Some(0.5),
+            rate_hz: 2000.0,
+            samples: 144,
+            ..RunConfig::default()
+        };
+        let [own, rendered] = [Method::Decoupled, Method::Native].map(|method| {
+            let packet =
+                Simulator::new(&gpu, scene("spinner"), config(method)).unwrap().step(60_000).unwrap();
+            let view = packet.views.into_iter().next().unwrap();
+            let mut times = HashMap::new();
+            for e in &view.events {
+                times.entry((e.x, e.y, e.p)).or_insert_with(Vec::new).push(e.t);
+            }
+            (times, view.events.len(), view.causes.iter().filter(|c| **c != Cause::Signal as u8).count())
+        });
+        // Events of a pixel and polarity, one after another, are the same one where they lie within 1 ms.
+        let alike = |later_us: i64| {
+            let mut alike = 0;
+            for (pixel, times) in &own.0 {
+                let mut others = rendered.0.get(pixel).map_or(&[][..], Vec::as_slice);
+                for t in times.iter().map(|t| t + later_us) {
+                    let before = others.iter().take_while(|o| **o < t - 1000).count();
+                    others = &others[before..];
+                    if others.first().is_some_and(|o| *o <= t + 1000) {
+                        (alike, others) = (alike + 1, &others[1..]);
+                    }
+                }
+            }
+            alike as f64 / own.1.max(rendered.1) as f64
+        };
+        let (now, later) = (alike(0), alike(1500));
+        println!(
+            "{name}: {} and {} events, {now:.3} alike, {later:.3} 1.5 ms later; {} and {} of noise",
+            own.1, rendered.1, own.2, rendered.2
+        );
+        assert!(own.1 > 300 && now > 0.95 && later < now - 0.15, "{name}: {now} and {later}");
+        assert!(own.2.abs_diff(rendered.2) * 20 <= own.2.max(rendered.2), "{name}");
+    }
+}
+
+#[test]
+fn frames_are_taken_as_a_host_says_and_exposures_are_refused_there() {
+    let mut driven = (*scene("spinner")).clone();
+    let node = driven.nodes.iter().position(|node| node.mesh.is_some()).unwrap();
+    let name = driven.nodes[node].name.clone();
+    driven.drive(&[name], 0).unwrap();
+    let driven = Arc::new(driven);
+    let sensor = SensorConfig::preset("v2e").unwrap();
+    let config = |sensor| RunConfig { sensor, pose_step_us: Some(10_000), ..config() };
+    let new = || Simulator::new(None, driven.clone(), config(sensor.clone())).unwrap();
+    let steps =
+        |simulator: &mut Simulator, steps: &[i64]| by_view(steps.iter().map(|t| simulator.step(*t).unwrap()));
+    let whole = steps(&mut new(), &[40_000]);
+    assert!(whole[0].len() > 20, "{} events", whole[0].len());
+    assert_eq!(steps(&mut new(), &[10_000, 20_000, 30_000, 40_000]), whole);
+    let mut exposed = sensor.clone();
+    exposed.exposure.time_us = 1000;
+    let refused = Simulator::new(None, driven.clone(), config(exposed)).err().unwrap().to_string();
+    assert!(refused.contains("sensor.exposure is on"), "{refused}");
+    // Frames end with steps.
+    let between = RunConfig { rate_hz: 300.0, pose_step_us: Some(5_000), ..config(sensor.clone()) };
+    let refused = Simulator::new(None, driven.clone(), between).err().unwrap().to_string();
+    assert!(refused.contains("pose_step_us is 5000"), "{refused}");
+}
+
 #[test]
 fn a_stopped_step_goes_on_and_loses_nothing() {
     let mut simulator = Simulator::new(None, scene("spinner"), config()).unwrap();
@@ -268,7 +368,11 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     assert!(method == Method::Native && notes.contains("holes"), "{notes}");
     let v2e = RunConfig { sensor: SensorConfig::preset("v2e").unwrap(), ..base() };
     let (method, _, notes) = apply(Some(&gpu), &desk, quality(Quality::High), v2e.clone()).unwrap();
-    assert!(method == Method::Native && notes.contains("frames"), "{notes}");
+    assert!(method == Method::Decoupled && notes.contains("4000 frames"), "{notes}");
+    let rate = SamplingRequest { rate_hz: Some(500.0), ..quality(Quality::High) };
+    let (method, _, notes) = apply(Some(&gpu), &desk, rate.clone(), v2e.clone()).unwrap();
+    assert!(method == Method::Decoupled && notes.contains("500 frames"), "{notes}");
+    assert_eq!(apply(Some(&gpu), &desk, rate, base()).unwrap().0, Method::Native);
     // Noise and a bandwidth have their place in continuous time.
     let real = RunConfig { sensor: SensorConfig::preset("dvxplorer-like").unwrap(), ..base() };
     let (method, _, notes) = apply(Some(&gpu), &desk, quality(Quality::High), real).unwrap();
@@ -282,7 +386,7 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
         by_name().apply(Some(&gpu), scene, &mut config).unwrap();
         Simulator::new(&gpu, Arc::new(scene.clone()), config).err().unwrap().to_string()
     };
-    assert!(refused(&masked, base()).contains("holes") && refused(&desk, v2e).contains("one with times"));
+    assert!(refused(&masked, base()).contains("holes"));
     let told = |request: SamplingRequest| apply(Some(&gpu), &desk, request, base()).unwrap_err().to_string();
     assert!(told(SamplingRequest { rate_hz: Some(100.0), ..by_name() }).contains("rate_hz is 100"));
     let step = SamplingRequest { adaptive_px: Some(0.01), ..by_name() };
