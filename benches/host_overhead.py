@@ -1,9 +1,9 @@
-"""What a host pays besides its own kinematics: microseconds per environment and instant, by the size of the batch.
+"""What a host pays besides its own kinematics: microseconds per environment and instant, by batch size.
 
-``python benches/host_overhead.py [ENVIRONMENTS ...]`` steps a batch in which every environment has a pose of one
-node for each instant. `poses` is Python's part of `Simulator.step`, from arrays to the engine; `engine` is what the
-engine does on the processor to prepare the work of its device (`Report.host_ms`), rendering left out; `rest` is
-the step without waiting for the device, less these.
+``python benches/host_overhead.py [ENVIRONMENTS ...]`` steps a batch in which every environment has a pose of
+one node for each instant. `poses` is Python's part of `Simulator.step`, from arrays to the engine; `engine`
+is what the engine does on the processor to prepare the work of its device (`Report.host_ms`), rendering left
+out; `rest` is the step without waiting for the device, less these.
 """
 
 from __future__ import annotations
@@ -36,7 +36,12 @@ def scene(environments: int) -> evis.Scene:
 def measure(environments: int) -> tuple[float, float, float]:
     """Return microseconds per environment and instant: poses, engine, rest."""
     sim = evis.Simulator(
-        scene(environments), poses=["cube"], rate_hz=RATE_HZ, samples=1, reference_luminance=1.0, method="native"
+        scene(environments),
+        poses=["cube"],
+        rate_hz=RATE_HZ,
+        samples=1,
+        reference_luminance=1.0,
+        method="native",
     )
     found: list[tuple[float, float, float]] = []
     for step in range(1, STEPS + 1):
@@ -61,7 +66,9 @@ def measure(environments: int) -> tuple[float, float, float]:
 
 def main() -> None:
     """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
     parser.add_argument("environments", nargs="*", type=int, default=[1, 8, 64, 256])
     print("| environments | poses | engine | rest |\n|--:|--:|--:|--:|")
     for environments in parser.parse_args().environments:
