@@ -93,6 +93,47 @@ ARM = f"""
 """
 
 
+TENDONS = f"""
+<mujoco>
+  {VIEW}
+  <statistic center="0 0 0.5" extent="1.5"/>
+  <option timestep="0.002" gravity="0 0 -9.81"/>
+  <worldbody>
+    <light pos="0 0 3" dir="0.2 0.3 -1" directional="true"/>
+    <camera name="look" pos="0 -2.4 0.7" xyaxes="1 0 0 0 0.1 1"/>
+    <geom name="floor" type="plane" size="2 2 0.1" rgba="0.3 0.3 0.35 1"/>
+    <site name="a" pos="-0.9 0 1.1" size="0.04" type="sphere" rgba="0.9 0.9 0.2 1"/>
+    <site name="b" pos="0.9 0 1.1" size="0.03 0.05 0.02" type="ellipsoid" rgba="0.9 0.2 0.2 1"/>
+    <site name="c" pos="-0.9 0 0.3" size="0.03 0.06" type="cylinder"/>
+    <site name="d" pos="0.9 0 0.3" size="0.03 0.06" type="capsule"/>
+    <site name="unseen" pos="0 -1 0.5" size="0.2" rgba="1 1 1 0"/>
+    <site name="other" pos="0.3 -1 0.5" size="0.2" group="4"/>
+    <body name="ball" pos="0 0 1.1">
+      <joint name="up" type="slide" axis="0 0 1"/><joint name="over" type="slide" axis="1 0 0"/>
+      <geom name="pulley" type="sphere" size="0.25" rgba="0.4 0.6 0.4 1"/>
+      <site name="top" pos="0 0 0.4" size="0.01"/>
+      <site name="hook" pos="0 0 -0.3" size="0.02"/>
+    </body>
+    <body name="drum" pos="0 0 0.3" euler="90 0 0">
+      <joint name="along" type="slide" axis="0 1 0"/>
+      <geom name="drum" type="cylinder" size="0.15 0.2" rgba="0.4 0.4 0.7 1"/>
+      <site name="side" pos="0 0.3 0" size="0.01"/>
+    </body>
+  </worldbody>
+  <tendon>
+    <spatial name="over" width="0.03" rgba="0.9 0.5 0.1 1">
+      <site site="a"/><geom geom="pulley" sidesite="top"/><site site="b"/>
+    </spatial>
+    <spatial name="under" width="0.02" rgba="0.1 0.7 0.9 1">
+      <site site="c"/><geom geom="drum" sidesite="side"/><site site="d"/>
+      <pulley divisor="2"/><site site="hook"/><site site="side"/>
+    </spatial>
+    <spatial name="hidden" width="0.1" group="3"><site site="a"/><site site="d"/></spatial>
+  </tendon>
+</mujoco>
+"""
+
+
 def model_of(name: str):
     if name == "skydio":
         assets = os.environ.get("EVIS_ASSETS")
@@ -104,7 +145,7 @@ def model_of(name: str):
         model = mujoco.MjModel.from_xml_path(str(path))
         model.vis.quality.offsamples = 0
         return model
-    model = mujoco.MjModel.from_xml_string({"everything": EVERYTHING, "arm": ARM}[name])
+    model = mujoco.MjModel.from_xml_string({"everything": EVERYTHING, "arm": ARM, "tendons": TENDONS}[name])
     # MuJoCo 3.1 has no heights in the file.
     model.hfield_data[:] = np.random.default_rng(5).random(len(model.hfield_data))
     return model
@@ -172,7 +213,8 @@ def agree(own: tuple[np.ndarray, np.ndarray], depth, objects, far: float) -> tup
 
 
 @pytest.mark.parametrize(
-    ("name", "camera"), [("everything", 0), ("everything", 1), ("arm", 0), ("skydio", 0)]
+    ("name", "camera"),
+    [("everything", 0), ("everything", 1), ("arm", 0), ("skydio", 0), ("tendons", 0)],
 )
 def test_depth_and_segmentation_are_mujocos_own(name: str, camera: int, device: evis.Device, tmp_path: Path):
     model = model_of(name)
@@ -420,10 +462,15 @@ def test_what_is_not_drawn_is_named_once():
         <body><joint/><geom size="0.1"/><site name="a"/></body>
         <site name="b" pos="0 0 1"/>
       </worldbody>
-      <tendon><spatial name="rope"><site site="a"/><site site="b"/></spatial></tendon>
+      <tendon>
+        <spatial name="rope" limited="true" range="0 2"><site site="a"/><site site="b"/></spatial>
+        <spatial name="rod"><site site="a"/><site site="b"/></spatial>
+        <spatial name="clear" rgba="1 1 1 0"><site site="a"/><site site="b"/></spatial>
+        <spatial name="deep" group="3"><site site="a"/><site site="b"/></spatial>
+      </tendon>
     </mujoco>
     """
-    with pytest.warns(UserWarning, match=r"geom 'glass'|mirror|tendon 'rope'") as found:
+    with pytest.warns(UserWarning, match=r"geom .glass.|mirror|tendon/rope") as found:
         scene = evis.mujoco.scene(mujoco.MjModel.from_xml_string(text))
     said = [str(warning.message) for warning in found]
     assert len(said) == 3
@@ -431,8 +478,50 @@ def test_what_is_not_drawn_is_named_once():
     assert scene.cameras == ("free",)
     assert "geom/glass" not in scene.nodes
     assert "geom/ball" in scene.nodes
+    tendons = {name.split("/")[1] for name in scene.nodes if name.startswith("tendon/")}
+    assert tendons == {"rope", "rod"}
     again = pickle.loads(pickle.dumps(scene))
     assert again.nodes == scene.nodes
+
+
+def test_tendons_are_where_mujoco_draws_them_while_bodies_move(device: evis.Device, tmp_path: Path):
+    model = model_of("tendons")
+    data = mujoco.MjData(model)
+    # The ball falls beside its tendon, which goes round it at first.
+    data.qvel[:] = [-6.0, 2.0, -3.0]
+    renderer = renderer_of(model, device, camera=0, labels=["depth", "instance"], label_rate_hz=1000)
+    renderer.observe(data)
+    events = []
+    wraps = set()
+    for _ in range(60):
+        mujoco.mj_step(model, data)
+        renderer.observe(data)
+        events.append(len(renderer.render()))
+        wraps.add(int(data.ten_wrapnum[0]))
+    assert sum(events) > 500
+    assert wraps == {2, 4}, "the ball comes off its tendon"
+    # Where the simulation was at a label of the last packet.
+    t_us = int(renderer.packet.labels["instance"].t_us[0])
+    steps = t_us // 2000
+    assert (t_us % 2000, steps) == (0, 59)
+    other = mujoco.MjData(model)
+    other.qvel[:] = [-6.0, 2.0, -3.0]
+    for _ in range(steps):
+        mujoco.mj_step(model, other)
+    mujoco.mj_kinematics(model, other)
+    posed = model_of("tendons")
+    # Joints slide bodies of the world.
+    posed.body_pos[:] = other.xpos
+    own = own_pictures(posed, 0, tmp_path)
+    labels = renderer.packet.labels
+    depth, objects = labels["depth"].data[0], renderer.instances[labels["instance"].data[0]]
+    far = model.vis.map.zfar * model.stat.extent
+    assert min(agree(own, depth, objects, far)) > 0.99
+    tendon = int(mujoco.mjtObj.mjOBJ_TENDON)
+    for index in (0, 1):
+        mine, theirs = ((of == [index, tendon]).all(axis=-1) for of in (objects, own[1]))
+        assert theirs.sum() > 100
+        assert (mine & theirs).sum() > 0.85 * (mine | theirs).sum()
 
 
 def test_sky_box_as_environment(device: evis.Device):

@@ -405,8 +405,11 @@ class SceneBuilder:
         time_offset_s: float | None = None,
         time_step_s: float | None = None,
         offsets: dict[str, Placement] | None = None,
+        materials: Mapping[str, Mapping[str, Any]] | None = None,
+        lights: Mapping[str, Mapping[str, Any]] | None = None,
+        cameras: Mapping[str, Mapping[str, float]] | None = None,
     ) -> None:
-        """Add environments of a batch: the scene again, with other seeds, clocks and places.
+        """Add environments of a batch: the scene again, with other seeds, clocks, places, looks and lenses.
 
         Parameters
         ----------
@@ -417,7 +420,14 @@ class SceneBuilder:
         time_offset_s, time_step_s : float, optional
             Scene time at which the first starts, and how much later each further one does.
         offsets : dict of str to Placement, optional
-            Per object: a pose that comes before its motion.
+            Per object, light or camera: a pose that comes before its motion.
+        materials : dict of str to dict, optional
+            Per material, what is otherwise: ``color``, ``emissive`` (strength included), ``metallic``,
+            ``roughness``.
+        lights : dict of str to dict, optional
+            Per light, what is otherwise: ``color``, ``intensity`` (lux or candela), ``on``.
+        cameras : dict of str to dict, optional
+            Per camera, its lens: ``fov_y_degrees``, or ``fx``, ``fy``, ``cx`` and ``cy`` in pixels.
         """
         places = {name: table_of(name, pose) for name, pose in (offsets or {}).items()}
         self._add(
@@ -427,6 +437,9 @@ class SceneBuilder:
             time_offset_s=time_offset_s,
             time_step_s=time_step_s,
             offsets=None if offsets is None else places,
+            materials=_tables("materials", materials),
+            lights=_tables("lights", lights),
+            cameras=_tables("cameras", cameras),
         )
 
     def toml(self) -> str:
@@ -454,6 +467,19 @@ class SceneBuilder:
             If a file cannot be read.
         """
         return Scene._of_text(self.toml(), base, list(self._pictures.items()))
+
+
+def _tables(what: str, named: Mapping[str, Mapping[str, Any]] | None) -> dict[str, dict[str, Any]] | None:
+    """Plain numbers, lists and words by name."""
+    if named is None:
+        return None
+    if not hasattr(named, "items") or not all(hasattr(own, "items") for own in named.values()):
+        raise ConfigError(f"{what} is {_check.shown(named)}; it must map names to what is otherwise")
+
+    def plain(value: Any) -> Any:
+        return np.asarray(value).tolist() if isinstance(value, (np.ndarray, np.generic)) else value
+
+    return {name: {key: plain(value) for key, value in own.items()} for name, own in named.items()}
 
 
 def linear_rgba(name: str, pixels: npt.ArrayLike, color_space: ColorSpace | None) -> npt.NDArray[np.float32]:

@@ -6,7 +6,7 @@ from typing import Any, final
 import numpy as np
 import numpy.typing as npt
 
-from ._poses import Factors
+from ._poses import Factors, LightValues, NodePoses
 from ._request import Request
 from .flow import Upsampler
 
@@ -364,6 +364,7 @@ class Simulator:
     def scene(self) -> Scene: ...
     @property
     def cameras(self) -> list[dict[str, Any]]: ...
+    def cameras_of(self, environment: int) -> list[dict[str, Any]]: ...
     @property
     def environments(self) -> int: ...
     @property
@@ -393,18 +394,21 @@ class Simulator:
     def step(
         self,
         until_us: int,
-        poses: list[tuple[int, int, list[int], list[list[float]], list[list[float]] | None]] | None,
+        poses: list[NodePoses] | None,
         visible: list[tuple[int, int, list[tuple[int, bool]]]],
         materials: list[tuple[int, int, Factors]],
+        lights: list[tuple[int, int, LightValues]],
     ) -> Packet: ...
     def reset(
         self,
         environments: list[int],
         seeds: list[int],
         sensors: list[tuple[int, int, str]],
+        lenses: list[tuple[int, int, list[float]]],
         poses: list[tuple[int, int, list[float]]],
         visible: list[tuple[int, int, bool]],
         materials: list[tuple[int, int, Factors]],
+        lights: list[tuple[int, int, LightValues]],
     ) -> None: ...
     def stream(self, duration_us: int, packet_us: int) -> Stream: ...
 

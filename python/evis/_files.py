@@ -596,7 +596,7 @@ class Writer:
             self._writers.append(
                 _evis.Writer(
                     self._paths[environment],
-                    cameras=[asdict(camera) for camera in self._simulator.cameras],
+                    cameras=[asdict(camera) for camera in self._simulator.cameras_of(environment)],
                     seed=self._simulator.seed,
                     method=self._simulator.method,
                     environment=environment,

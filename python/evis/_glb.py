@@ -12,11 +12,11 @@ import numpy.typing as npt
 
 from ._shapes import Triangles
 
-_FLOAT, _U32 = 5126, 5125
+_FLOAT, _U32, _U16 = 5126, 5125, 5123
 _ARRAY, _INDICES = 34962, 34963
 _REPEAT, _CLAMP = 10497, 33071
 _LINEAR, _MIPMAPS = 9729, 9987
-_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3"}
+_TYPES = {1: "SCALAR", 2: "VEC2", 3: "VEC3", 4: "VEC4", 16: "MAT4"}
 
 
 def png(pixels: npt.NDArray[np.uint8]) -> bytes:
@@ -54,7 +54,7 @@ class Glb:
         self._length += len(self._chunks[-1])
         return self._append("bufferViews", view)
 
-    def _accessor(self, values: npt.NDArray[Any], kind: int, target: int) -> int:
+    def _accessor(self, values: npt.NDArray[Any], kind: int, target: int | None) -> int:
         width = 1 if values.ndim == 1 else values.shape[1]
         accessor: dict[str, Any] = {
             "bufferView": self._view(values.tobytes(), target),
@@ -79,8 +79,11 @@ class Glb:
         self._extensions.update(material.get("extensions", {}))
         return self._append("materials", material)
 
-    def add_mesh(self, name: str, parts: list[tuple[Triangles, int]]) -> int:
-        """Add a mesh: triangles, each with a material."""
+    def add_mesh(self, name: str, parts: list[tuple[Triangles, int]], *, two_joints: bool = False) -> int:
+        """Add a mesh: triangles, each with a material; with `two_joints`, those below z = 0 follow the first.
+
+        Vertices above follow the second joint of the skin.
+        """
         primitives = []
         for triangles, material in parts:
             columns = [triangles.positions, triangles.normals, triangles.uvs]
@@ -94,6 +97,13 @@ class Glb:
                 name: self._accessor(np.ascontiguousarray(unique[:, low:high]), _FLOAT, _ARRAY)
                 for name, low, high in (("POSITION", 0, 3), ("NORMAL", 3, 6), ("TEXCOORD_0", 6, 8))
             }
+            if two_joints:
+                joints = np.zeros((len(unique), 4), np.uint16)
+                joints[:, 0] = unique[:, 2] > 0
+                weights = np.zeros((len(unique), 4), np.float32)
+                weights[:, 0] = 1.0
+                attributes["JOINTS_0"] = self._accessor(joints, _U16, _ARRAY)
+                attributes["WEIGHTS_0"] = self._accessor(weights, _FLOAT, _ARRAY)
             indices = self._accessor(inverse.reshape(-1).astype(np.uint32), _U32, _INDICES)
             primitives.append({"attributes": attributes, "indices": indices, "material": material})
         return self._append("meshes", {"name": name, "primitives": primitives})
@@ -105,6 +115,7 @@ class Glb:
         rotation: npt.ArrayLike = (0, 0, 0, 1),
         *,
         mesh: int | None = None,
+        skin: int | None = None,
         parent: int | None = None,
     ) -> int:
         """Add a node; `rotation` is x, y, z, w."""
@@ -115,10 +126,20 @@ class Glb:
         }
         if mesh is not None:
             node["mesh"] = mesh
+        if skin is not None:
+            node["skin"] = skin
         index = self._append("nodes", node)
         if parent is not None:
             self._lists["nodes"][parent].setdefault("children", []).append(index)
         return index
+
+    def add_skin(self, joints: list[int], places: npt.NDArray[np.floating[Any]]) -> int:
+        """Add a skin: nodes that are its joints, and where each is in the mesh, (N, 3)."""
+        # Matrices lie column by column.
+        inverse = np.tile(np.eye(4, dtype=np.float32), (len(joints), 1, 1))
+        inverse[:, 3, :3] = -np.asarray(places)
+        matrices = self._accessor(inverse.reshape(len(joints), 16), _FLOAT, None)
+        return self._append("skins", {"joints": joints, "inverseBindMatrices": matrices})
 
     def to_bytes(self) -> bytes:
         """Return the file."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, overload
@@ -193,7 +193,7 @@ class View(EventCarrier):
     environment : int
         Index of the environment.
     camera : CameraInfo
-        The camera.
+        The camera, with the lens that it has in this environment.
     events : EventArray
         Sorted by (t, y, x); holds the engine's memory, never copied.
     labels : mapping of str to Labels
@@ -604,11 +604,13 @@ def labels_from(
     }
 
 
-def packet_from(raw: _evis.Packet, cameras: tuple[CameraInfo, ...], kinds: tuple[str, ...]) -> Packet:
-    """Dress the engine's packet."""
+def packet_from(
+    raw: _evis.Packet, cameras: Sequence[tuple[CameraInfo, ...]], kinds: tuple[str, ...]
+) -> Packet:
+    """Dress the engine's packet; ``cameras`` by environment."""
     views = []
     for view in raw.views:
-        camera = cameras[view.camera]
+        camera = cameras[view.environment][view.camera]
         images = tuple(kind for kind in kinds if kind != CAUSE)
         labels = labels_from(view.labels, images, (camera.width, camera.height))
         causes = view.causes if CAUSE in kinds else None

@@ -1,4 +1,4 @@
-"""What a host says of a step, as the engine takes it: poses, what is seen, materials."""
+"""What a host says of a step, as the engine takes it: poses, what is seen, materials, lights, lenses."""
 
 from __future__ import annotations
 
@@ -18,6 +18,14 @@ if TYPE_CHECKING:
 #: Base colour, metallic, emitted radiance, roughness; None for what stays.
 Factors: TypeAlias = tuple[list[float] | None, float | None, list[float] | None, float | None]
 
+#: Colour, intensity, whether it shines; None for what stays.
+LightValues: TypeAlias = tuple[list[float] | None, float | None, bool | None]
+
+#: Times, poses of seven numbers, velocities, angular velocities, after the environment and the node.
+NodePoses: TypeAlias = tuple[
+    int, int, list[int], list[list[float]], list[list[float]] | None, list[list[float]] | None
+]
+
 #: What may change of a material, by name, and how many numbers it has.
 _FACTORS = {"color": 3, "metallic": 1, "emissive": 3, "roughness": 1}
 
@@ -34,27 +42,36 @@ def node_poses(
     poses: Mapping[str, ArrayLike],
     times_us: ArrayLike | None,
     velocities: Mapping[str, ArrayLike] | None,
-) -> list[tuple[int, int, list[int], list[list[float]], list[list[float]] | None]]:
-    """Per environment and node: times, poses of seven numbers, velocities."""
+    angular_velocities: Mapping[str, ArrayLike] | None = None,
+) -> list[NodePoses]:
+    """Per environment and node: times, poses of seven numbers, velocities, angular velocities."""
     times = [until_us] if times_us is None else _times(times_us)
-    found = []
+    given = {"velocities": velocities or {}, "angular_velocities": angular_velocities or {}}
+    found: list[NodePoses] = []
     for name, value in poses.items():
         node = _index(names, name, "poses")
         size = (environments, len(times))
         values = _spread(f"poses[{name!r}]", _as_seven(name, value), size, times_us is None)
-        speeds = None
-        if velocities is not None and name in velocities:
-            what = f"velocities[{name!r}]"
-            speeds = _spread(what, _numbers(what, velocities[name]), size, times_us is None)
-            if speeds.shape[-1] != 3:
-                raise ConfigError(f"{what} has the shape {np.shape(velocities[name])}; give (3,) per pose")
+        linear, angular = (
+            _speeds(f"{argument}[{name!r}]", of[name], size, times_us is None) if name in of else None
+            for argument, of in given.items()
+        )
         for environment in range(environments):
-            own = None if speeds is None else speeds[environment].tolist()
-            found.append((environment, node, times, values[environment].tolist(), own))
-    for name in velocities or {}:
-        if name not in poses:
-            raise ConfigError(f"velocities name {name!r}, and poses do not; give both")
+            own = [None if each is None else each[environment].tolist() for each in (linear, angular)]
+            found.append((environment, node, times, values[environment].tolist(), own[0], own[1]))
+    for argument, of in given.items():
+        for name in of:
+            if name not in poses:
+                raise ConfigError(f"{argument} name {name!r}, and poses do not; give both")
     return found
+
+
+def _speeds(what: str, value: ArrayLike, size: tuple[int, int], at_end: bool) -> NDArray[np.float64]:
+    """Shape (environments, times, 3)."""
+    speeds = _spread(what, _numbers(what, value), size, at_end)
+    if speeds.shape[-1] != 3:
+        raise ConfigError(f"{what} has the shape {np.shape(value)}; give (3,) per pose")
+    return speeds
 
 
 def node_visible(
@@ -119,6 +136,74 @@ def material_changes(
     return found
 
 
+def light_changes(
+    names: Sequence[str], environments: Iterable[int], lights: Mapping[str, Mapping[str, ArrayLike]]
+) -> list[tuple[int, int, LightValues]]:
+    """Per environment of ``environments`` and light: new values."""
+    each = list(environments)
+    found = []
+    for name, values in lights.items():
+        index = _index(names, name, "lights")
+        what = f"lights[{name!r}]"
+        if not hasattr(values, "items"):
+            raise ConfigError(
+                f"{what} is {_check.shown(values)}; it must be a mapping such as {{'intensity': 2.0}}"
+            )
+        color = intensity = on = None
+        for key, value in values.items():
+            if key == "color":
+                color = _factor(f"{what}['color']", value, len(each), 3)
+            elif key == "intensity":
+                intensity = _factor(f"{what}['intensity']", value, len(each), 1)
+            elif key == "on":
+                on = _factor(f"{what}['on']", _seen(f"{what}['on']", value), len(each), 1)
+            else:
+                known = _check.one_of(("color", "intensity", "on"))
+                raise ConfigError(f"{what} has {key!r}; only {known} can change in a step")
+        for row, environment in enumerate(each):
+            own: LightValues = (
+                None if color is None else color[row].tolist(),
+                None if intensity is None else float(intensity[row, 0]),
+                None if on is None else bool(on[row, 0]),
+            )
+            found.append((environment, index, own))
+    return found
+
+
+def lens_changes(
+    names: Sequence[str], environments: Sequence[int], lenses: Mapping[str, Any]
+) -> list[tuple[int, int, list[float]]]:
+    """Per environment of ``environments`` and camera: a field of view in radians, or fx, fy, cx, cy."""
+    found = []
+    for name, value in lenses.items():
+        if name not in names:
+            raise ConfigError(f"lenses name the camera {name!r}; it must be {_check.one_of(names)}")
+        what = f"lenses[{name!r}]"
+        if not hasattr(value, "items"):
+            raise ConfigError(
+                f"{what} is {_check.shown(value)}; it must be a mapping such as {{'fov_y_degrees': 60.0}}"
+            )
+        for key in value:
+            if key not in {"fov_y_degrees", "fx", "fy", "cx", "cy"}:
+                known = _check.one_of(("fov_y_degrees", "fx", "fy", "cx", "cy"))
+                raise ConfigError(f"{what} has {key!r}; it takes {known}")
+        columns = {
+            key: _factor(f"{what}[{key!r}]", numbers, len(environments), 1)[:, 0]
+            for key, numbers in value.items()
+        }
+        if set(columns) == {"fov_y_degrees"}:
+            rows = [[float(v)] for v in np.radians(columns["fov_y_degrees"])]
+        elif set(columns) == {"fx", "fy", "cx", "cy"}:
+            rows = np.stack([columns[k] for k in ("fx", "fy", "cx", "cy")], axis=1).tolist()
+        else:
+            raise ConfigError(
+                f"{what} has {', '.join(map(repr, columns)) or 'nothing'}; give 'fov_y_degrees', or all of "
+                "'fx', 'fy', 'cx', 'cy'"
+            )
+        found += [(e, list(names).index(name), rows[row]) for row, e in enumerate(environments)]
+    return found
+
+
 def _factor(what: str, value: ArrayLike, environments: int, count: int) -> NDArray[np.float64]:
     """Shape (environments, count)."""
     array = _numbers(what, value)
@@ -149,7 +234,7 @@ def node_jumps(
 def _index(names: Sequence[str], name: str, argument: str) -> int:
     """Return the index of what ``argument`` of a step names, among what the simulator left to the host."""
     if name not in names:
-        own, does = ("materials", "changes") if argument == "materials" else ("poses", "moves")
+        own, does = (argument, "changes") if argument in {"materials", "lights"} else ("poses", "moves")
         known = ", ".join(repr(n) for n in names) or f"none: name them as {own}=[...] of the Simulator"
         near = get_close_matches(str(name), names, 1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""

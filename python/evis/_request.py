@@ -40,4 +40,5 @@ class Request:
     reference_luminance: float | None = None
     poses: list[str] = field(default_factory=list)
     materials: list[str] = field(default_factory=list)
+    lights: list[str] = field(default_factory=list)
     pose_step_us: int | None = None

@@ -17,7 +17,15 @@ from . import _check, _evis, _method
 from ._evis import ConfigError, EvisError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
-from ._poses import material_changes, node_jumps, node_poses, node_visible, visible_jumps
+from ._poses import (
+    lens_changes,
+    light_changes,
+    material_changes,
+    node_jumps,
+    node_poses,
+    node_visible,
+    visible_jumps,
+)
 from ._progress import Progress, TimeLeft
 from ._request import Request
 from ._scene import EventCamera, Scene, motion_text, moved_scene, raw_of
@@ -165,10 +173,13 @@ class Simulator:
     materials : sequence of str
         Names of materials that a `step` may change, or of nodes where no material has the name: what such a
         node draws gets materials of its own, which change for it alone. Otherwise as ``poses``.
+    lights : sequence of str
+        Names of lights that a `step` may change, or of nodes that carry one where no light has the name: such
+        a node gets a light of its own. Otherwise as ``poses``, which also moves lights.
     pose_step_us : int, optional
-        With ``poses`` or ``materials``: steps are multiples of so many microseconds; 10000 where not given.
-        With ``native`` sampling it is a multiple of the time between two samples (250 us in every preset but
-        ``reference``, which has 125).
+        With ``poses``, ``materials`` or ``lights``: steps are multiples of so many microseconds; 10000 where
+        not given. With ``native`` sampling it is a multiple of the time between two samples (250 us in every
+        preset but ``reference``, which has 125).
     device : Device, str or int, optional
         A device, its index, or a part of its name; the fastest kind where not given. Where the machine has
         none, presets take decoupled sampling.
@@ -222,6 +233,7 @@ class Simulator:
         reference_luminance: float | None = None,
         poses: Sequence[str] = (),
         materials: Sequence[str] = (),
+        lights: Sequence[str] = (),
         pose_step_us: int | None = None,
         device: Device | str | int | None = None,
     ) -> None:
@@ -230,6 +242,7 @@ class Simulator:
         self._changed = [
             str(name) for name in _check.items("materials", materials, "['a material', 'a node']")
         ]
+        self._lit = [str(name) for name in _check.items("lights", lights, "['a light']")]
         names: list[str] = []
         if cameras is not None:
             cameras = _check.items("cameras", cameras, f"{list(scene.cameras)}")
@@ -273,6 +286,7 @@ class Simulator:
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             poses=list(self._driven),
             materials=list(self._changed),
+            lights=list(self._lit),
             pose_step_us=None if pose_step_us is None else _check.time_us("pose_step_us", pose_step_us),
         )
         self._engine_of = (scene._raw, request, _selector(device))
@@ -288,11 +302,12 @@ class Simulator:
             first = names[0] if names else None
             self._scene = Scene(raw, (moved_scene, (scene, word, camera_speed, first, size)))
         self._cameras = tuple(CameraInfo(**camera) for camera in self._engine.cameras)
+        self._cameras_of = self._ask_cameras()
         each = (Sensor._of_json(json) for json in self._engine.sensors)
         self._sensors = {camera.name: own for camera, own in zip(self._cameras, each, strict=True)}
         self._labels = tuple(self._engine.labels)
         self._clipped_told = False
-        if not (self._driven or self._changed):
+        if not (self._driven or self._changed or self._lit):
             _warn_of_motion(scene, self._scene, [camera.name for camera in self._cameras])
             for warning in self._engine.warnings:
                 warnings.warn(warning, stacklevel=2)
@@ -319,8 +334,32 @@ class Simulator:
 
     @property
     def cameras(self) -> tuple[CameraInfo, ...]:
-        """The rendered cameras, in order."""
+        """The rendered cameras, in order, with the lenses of the first environment."""
         return self._cameras
+
+    def cameras_of(self, environment: int) -> tuple[CameraInfo, ...]:
+        """Return the rendered cameras with the lenses that ``environment`` has now.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such environment.
+        """
+        index = _check.whole("environment", environment)
+        if index >= self.environments:
+            raise ConfigError(f"environment is {index}; it must be between 0 and {self.environments - 1}")
+        return self._cameras_of[index]
+
+    def _ask_cameras(self) -> list[tuple[CameraInfo, ...]]:
+        """Return the cameras by environment; equal ones are one object."""
+        known: dict[CameraInfo, CameraInfo] = {camera: camera for camera in self._cameras}
+
+        def made(camera: dict[str, Any]) -> CameraInfo:
+            own = CameraInfo(**camera)
+            return known.setdefault(own, own)
+
+        of = self._engine.cameras_of
+        return [tuple(made(camera) for camera in of(index)) for index in range(self.environments)]
 
     @property
     def environments(self) -> int:
@@ -381,6 +420,7 @@ class Simulator:
             )
         if self._stream is not None:
             self._engine, self._stream = _evis.Simulator(*self._engine_of), None
+            self._cameras_of = self._ask_cameras()
         return self._engine
 
     def step(
@@ -390,8 +430,10 @@ class Simulator:
         *,
         pose_times_us: ArrayLike | None = None,
         velocities: Mapping[str, ArrayLike] | None = None,
+        angular_velocities: Mapping[str, ArrayLike] | None = None,
         visible: Mapping[str, ArrayLike] | None = None,
         materials: Mapping[str, Mapping[str, ArrayLike]] | None = None,
+        lights: Mapping[str, Mapping[str, ArrayLike]] | None = None,
     ) -> Packet:
         """Run to ``until_us`` and return everything from now on; the GIL is released meanwhile.
 
@@ -413,6 +455,10 @@ class Simulator:
         velocities : mapping of str to array, optional
             Metres per second at each pose, (3,) in place of (7,). Between two poses that have one the
             position is the cubic through both (exact for constant acceleration).
+        angular_velocities : mapping of str to array, optional
+            Radians per second about the axes of the world at each pose, (3,) in place of (7,); at most a turn
+            between two poses. Between two poses that have one the rotation is a cubic through both, in
+            rotation vectors (exact about a fixed axis, with constant angular acceleration).
         visible : mapping of str to bool or array of bool, optional
             Whether nodes that a host moves are seen, with all that hangs on them but other such nodes; they
             stay so. Not for nodes that carry a camera or a light. The change comes all at once, just after
@@ -424,6 +470,10 @@ class Simulator:
             not given stays. ``color``: linear RGB, (3,), which multiplies the texture; ``emissive``: emitted
             radiance, (3,), strength included; ``metallic`` and ``roughness``: in [0, 1]. One per environment
             in front. They change when ``visible`` does, once per step. Alpha and textures cannot change.
+        lights : mapping of str to mapping, optional
+            New values of lights that a host changes (``lights`` of the simulator), by name; what is not given
+            stays. ``color``: linear RGB, (3,); ``intensity``: lux or candela; ``on``: whether it shines. One
+            per environment in front. They change when materials do. ``poses`` move lights.
 
         Returns
         -------
@@ -444,15 +494,20 @@ class Simulator:
         until = _check.time_us("until_us", until_us)
         given = None
         if poses is not None:
-            given = node_poses(self._driven, self.environments, until, poses, pose_times_us, velocities)
+            given = node_poses(
+                self._driven, self.environments, until, poses, pose_times_us, velocities, angular_velocities
+            )
+        elif velocities or angular_velocities:
+            raise ConfigError("velocities are given without poses; give both")
         seen = node_visible(self._driven, self.environments, until, visible or {}, pose_times_us)
         changes = material_changes(self._changed, range(self.environments), materials or {})
-        raw = self._own_engine().step(until, given, seen, changes)
+        lit = light_changes(self._lit, range(self.environments), lights or {})
+        raw = self._own_engine().step(until, given, seen, changes, lit)
         return self._packet(raw)
 
     def _packet(self, raw: _evis.Packet) -> Packet:
         """Return a packet; the first one with light that was clipped warns."""
-        packet = packet_from(raw, self._cameras, self._labels)
+        packet = packet_from(raw, self._cameras_of, self._labels)
         if packet.report.clipped_light and not self._clipped_told:
             self._clipped_told = True
             warnings.warn(packet.report.clipped_light[0], stacklevel=3)
@@ -467,6 +522,8 @@ class Simulator:
         poses: Mapping[str, ArrayLike] | None = None,
         visible: Mapping[str, ArrayLike] | None = None,
         materials: Mapping[str, Mapping[str, ArrayLike]] | None = None,
+        lights: Mapping[str, Mapping[str, ArrayLike]] | None = None,
+        lenses: Mapping[str, Mapping[str, ArrayLike]] | None = None,
     ) -> None:
         """Reset environments and their pixel memory at `now_us`; the time goes on.
 
@@ -499,6 +556,14 @@ class Simulator:
         materials : mapping of str to mapping, optional
             Factors of materials from now on, without any event: as of `step`, with one per environment of
             ``env_ids`` in front.
+        lights : mapping of str to mapping, optional
+            Values of lights from now on, without any event: as of `step`, with one per environment of
+            ``env_ids`` in front.
+        lenses : mapping of str to mapping, optional
+            Lenses of cameras from now on, by camera: ``fov_y_degrees``, or ``fx``, ``fy``, ``cx`` and ``cy``
+            in pixels of the camera's own size; each one number, or one per environment of ``env_ids``. Views
+            of later packets, and `cameras_of`, tell them; files of `Writer` those of the first packet. Not
+            for cameras with a distortion.
 
         Raises
         ------
@@ -535,7 +600,13 @@ class Simulator:
         jumps = [] if poses is None else node_jumps(self._driven, environments, poses)
         seen = visible_jumps(self._driven, environments, visible or {})
         changes = material_changes(self._changed, environments, materials or {})
-        self._own_engine().reset(environments, seeds, sensors, jumps, seen, changes)
+        lit = light_changes(self._lit, environments, lights or {})
+        names = [camera.name for camera in self._cameras]
+        other = lens_changes(names, environments, lenses or {})
+        self._own_engine().reset(environments, seeds, sensors, other, jumps, seen, changes, lit)
+        if other:
+            self._cameras_of = self._ask_cameras()
+            self._cameras = self._cameras_of[0]
 
     def _environment_sensors(self, environments: list[int], sensor: Any) -> list[tuple[int, int, str]]:
         """Environment, index of the camera, and sensor as JSON."""

@@ -79,6 +79,7 @@ def scene(
     *,
     geom_groups: Iterable[int] = (0, 1, 2),
     site_groups: Iterable[int] = (0, 1, 2),
+    tendon_groups: Iterable[int] = (0, 1, 2),
     skybox: bool = False,
     size: tuple[int, int] | None = None,
 ) -> Scene:
@@ -97,8 +98,8 @@ def scene(
         What to read.
     data : mujoco.MjData, optional
         The state; that of ``qpos0`` where not given. It is not changed.
-    geom_groups, site_groups : iterable of int
-        Groups of geoms and sites that are drawn, 0 to 5; as MuJoCo, 0 to 2 where not given.
+    geom_groups, site_groups, tendon_groups : iterable of int
+        Groups of geoms, sites and tendons that are drawn, 0 to 5; as MuJoCo, 0 to 2 where not given.
     skybox : bool
         Whether the model's sky box is seen behind everything; it then lights the scene too, which it does not
         in MuJoCo. Without it the background has the mean colour of the sky box.
@@ -115,7 +116,7 @@ def scene(
     ConfigError
         If it is no model, holds values that are not finite, or shows nothing.
     """
-    reading = _ModelReader(model, data, geom_groups, site_groups, size)
+    reading = _ModelReader(model, data, geom_groups, site_groups, tendon_groups, size)
     cameras = [i for i in range(model.ncam) if not _is_orthographic(model, i)] or [-1]
     return reading.build(cameras, skybox)
 
@@ -138,7 +139,7 @@ class EventRenderer:
         As `evis.Simulator` takes it.
     environments : int
         How many ``mjData`` of the model are rendered side by side; `observe` then takes as many.
-    geom_groups, site_groups : iterable of int
+    geom_groups, site_groups, tendon_groups : iterable of int
         Groups that are drawn.
     skybox : bool
         Whether the sky box is seen, and lights: see `scene`.
@@ -177,12 +178,13 @@ class EventRenderer:
         environments: int = 1,
         geom_groups: Iterable[int] = (0, 1, 2),
         site_groups: Iterable[int] = (0, 1, 2),
+        tendon_groups: Iterable[int] = (0, 1, 2),
         skybox: bool = False,
         pose_step_us: int | None = None,
         **settings: Any,
     ) -> None:
         size = _check.size((width, height))
-        reading = _ModelReader(model, None, geom_groups, site_groups, size)
+        reading = _ModelReader(model, None, geom_groups, site_groups, tendon_groups, size)
         chosen = list(camera) if isinstance(camera, (list, tuple)) else [camera]
         if not chosen:
             raise ConfigError("camera is empty; give a name, an index, or -1 for the free camera")
@@ -560,7 +562,7 @@ class EventRenderer:
             for eye, carrier in eyes:
                 nearest = max(self._reading.nearest(data, eye, carrier), near)
                 for i, frame in enumerate(self._frames):
-                    if frame.kind == _BODY and frame.index != carrier:
+                    if (frame.kind == _BODY and frame.index != carrier) or frame.kind == _TENDON:
                         depth = max(float(np.linalg.norm(own[i, :3] - eye)) - frame.radius, near)
                         found = focal / depth, focal * frame.radius / depth
                     elif frame.kind == _LIGHT:
@@ -611,7 +613,7 @@ class _Knot:
     path: _Path | None
 
 
-_BODY, _CAMERA, _LIGHT, _FREE = range(4)
+_BODY, _CAMERA, _LIGHT, _FREE, _TENDON = range(5)
 
 
 @dataclass(frozen=True)
@@ -623,9 +625,17 @@ class _Frame:
     index: int
     #: Metres from its origin to the farthest that it carries.
     radius: float = 0.0
+    #: Of a tendon: which of its parts, -1 - k for part k within what it wraps around; and which end.
+    part: int = 0
+    end: int = 0
 
     def pose(self, model: Any, data: Any, camera: Any) -> Array:
         """Position and quaternion (x, y, z, w) in the world."""
+        if self.kind == _TENDON:
+            ends = _tendon_part(data, self.index, self.part)
+            way = ends[1] - ends[0]
+            length = float(np.linalg.norm(way))
+            return _seven(ends[self.end], _towards(-way if length > 1e-12 else np.array([0.0, 0.0, -1.0])))
         if self.kind == _BODY:
             return _seven(data.xpos[self.index], data.xquat[self.index])
         if self.kind == _CAMERA:
@@ -678,6 +688,30 @@ def _place(model: Any, data: Any) -> None:
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     mujoco.mj_camlight(model, data)
+    if model.nwrap:
+        mujoco.mj_tendon(model, data)
+
+
+def _tendon_part(data: Any, tendon: int, part: int) -> Array:
+    """Both ends of a part of a tendon, (2, 3), as MuJoCo draws it; of one that is not there its last point.
+
+    Parts are counted along the way: those outside of what it wraps around, and apart from these those within.
+    """
+    start, count = int(data.ten_wrapadr[tendon]), int(data.ten_wrapnum[tendon])
+    points = np.asarray(data.wrap_xpos).reshape(-1, 3)[start : start + count]
+    objects = np.asarray(data.wrap_obj).ravel()[start : start + count]
+    within = part < 0
+    left = -1 - part if within else part
+    for k in range(count - 1):
+        # A pulley cuts the way.
+        if -2 in objects[k : k + 2] or bool((objects[k : k + 2] >= 0).all()) != within:
+            continue
+        if left == 0:
+            return np.array(points[k : k + 2])
+        left -= 1
+    real = np.flatnonzero(objects != -2)
+    last = points[real[-1]] if real.size else np.zeros(3)
+    return np.array([last, last])
 
 
 def _multiplied(a: Array, b: Array) -> Array:
@@ -739,6 +773,7 @@ class _ModelReader:
         data: Any,
         geom_groups: Iterable[int],
         site_groups: Iterable[int],
+        tendon_groups: Iterable[int],
         size: tuple[int, int] | None,
     ) -> None:
         if not isinstance(model, mujoco.MjModel):
@@ -760,6 +795,9 @@ class _ModelReader:
             *_in_groups("geom", model.geom_group, geom_groups),
             *_in_groups("site", model.site_group, site_groups),
         ]
+        chosen = {_check.whole("tendon_groups", group, 0, 5) for group in tendon_groups}
+        #: Tendon, number of the part (see `_tendon_part`), and its radius.
+        self.tendon_parts = list(self._parts_of_tendons(chosen))
         self.moving = _moving(model)
         self.left_out: dict[str, list[str]] = {}
         #: Of each instance: index and mjtObj, from instance 1 on.
@@ -837,6 +875,11 @@ class _ModelReader:
                 frames.append(_Frame(self.camera_name(view), _FREE, -1))
             elif not self._is_fixed("cam", view):
                 frames.append(_Frame(self.camera_name(view), _CAMERA, view))
+        frames += [
+            _Frame(f"{self._part_name(tendon, part)}/{end}", _TENDON, tendon, width, part, end)
+            for tendon, part, width in self.tendon_parts
+            for end in range(2)
+        ]
         lights = [index for index in self._lights() if not self._is_fixed("light", index)]
         return frames + [_Frame(_light_name(model, index), _LIGHT, index) for index in lights]
 
@@ -948,8 +991,66 @@ class _ModelReader:
                 pose = _seven(getattr(model, f"{kind}_pos")[index], getattr(model, f"{kind}_quat")[index])
                 glb.add_node(name, pose[:3], pose[3:], mesh=glb.add_mesh(name, parts), parent=node)
                 self.objects.append((index, int(which)))
+        self._tendons()
         if not self.objects:
-            raise ConfigError("the model shows nothing: no geom or site of the drawn groups is visible")
+            raise ConfigError(
+                "the model shows nothing: no geom, site or tendon of the drawn groups is visible"
+            )
+
+    def _parts_of_tendons(self, groups: set[int]) -> Iterable[tuple[int, int, float]]:
+        model = self.model
+        wrapping = {int(mujoco.mjtWrap.mjWRAP_SPHERE), int(mujoco.mjtWrap.mjWRAP_CYLINDER)}
+        for tendon in range(model.ntendon):
+            start, count = int(model.tendon_adr[tendon]), int(model.tendon_num[tendon])
+            kinds = np.asarray(model.wrap_type[start : start + count])
+            alpha = float(self._appearance("tendon", tendon)[1][3])
+            group = min(max(int(model.tendon_group[tendon]), 0), 5)
+            if int(mujoco.mjtWrap.mjWRAP_SITE) not in kinds or alpha < _TRANSPARENT or group not in groups:
+                continue
+            around = int(np.isin(kinds, list(wrapping)).sum())
+            sites = int((kinds == int(mujoco.mjtWrap.mjWRAP_SITE)).sum())
+            width = float(model.tendon_width[tendon])
+            # Each wrapping geom may cut a part in two, and adds one within.
+            yield from ((tendon, part, width) for part in range(sites - 1 + around))
+            yield from ((tendon, -1 - part, width / 2) for part in range(around))
+
+    def _part_name(self, tendon: int, part: int) -> str:
+        number = str(part) if part >= 0 else f"within/{-1 - part}"
+        return f"tendon/{_name(self.model, _OBJECT.mjOBJ_TENDON, tendon)}/{number}"
+
+    def _tendons(self) -> None:
+        """Capsules between the points of tendons: each end of one follows a joint of its skin."""
+        quality = self.model.vis.quality
+        slices, stacks = max(int(quality.numslices), 3), max(int(quality.numstacks), 2)
+        for tendon, part, width in self.tendon_parts:
+            name = self._part_name(tendon, part)
+            material, rgba = self._appearance("tendon", tendon)
+            shape = _shapes.capsule(width, 1.0, slices, stacks // 2, 1)
+            mesh = self._glb.add_mesh(
+                name, [(shape, self._material(material, rgba, None, False))], two_joints=True
+            )
+            joints = []
+            for end in range(2):
+                frame = _Frame(f"{name}/{end}", _TENDON, tendon, width, part, end)
+                pose = frame.pose(self.model, self.data, None)
+                joints.append(self._glb.add_node(frame.name, pose[:3], pose[3:]))
+            skin = self._glb.add_skin(joints, np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
+            self._glb.add_node(name, mesh=mesh, skin=skin)
+            self.objects.append((tendon, int(_OBJECT.mjOBJ_TENDON)))
+            if self._hangs(tendon):
+                self._omit_named("drawn straight, not as it hangs", name.rsplit("/", 1)[0])
+
+    def _hangs(self, tendon: int) -> bool:
+        """Whether MuJoCo draws a tendon as a catenary where it is slack."""
+        model = self.model
+        low, high = (float(v) for v in model.tendon_range[tendon])
+        free = all(
+            not np.any(np.asarray(getattr(model, f"tendon_{what}")[tendon]))
+            for what in ("stiffness", "damping", "frictionloss")
+        )
+        return (
+            bool(model.tendon_num[tendon] == 2 and model.tendon_limited[tendon] and free) and low == 0 < high
+        )
 
     def _parts(self, kind: str, index: int) -> list[tuple[Triangles, int]]:
         """Triangles of a geom or site by material."""
@@ -1277,12 +1378,9 @@ class _ModelReader:
             for index in range(count):
                 self._omit_named(not_drawn, f"{what} '{_name(model, kind, index)}'")
         for index in range(model.ntendon):
-            start, count = int(model.tendon_adr[index]), int(model.tendon_num[index])
-            wraps = model.wrap_type[start : start + count]
-            spatial = bool((wraps != int(mujoco.mjtWrap.mjWRAP_JOINT)).any())
-            if spatial and model.tendon_group[index] <= 2 and model.tendon_rgba[index][3] > 0:
+            if 0 < self._appearance("tendon", index)[1][3] < _TRANSPARENT:
                 name = _name(model, _OBJECT.mjOBJ_TENDON, index)
-                self._omit_named(not_drawn, f"tendon '{name}'")
+                self._omit_named("transparent, not drawn (alpha below 0.5)", f"tendon '{name}'")
         for index in range(model.ncam):
             if _is_orthographic(model, index):
                 self._omit_named("orthographic, left out", f"camera '{self.camera_name(index)}'")

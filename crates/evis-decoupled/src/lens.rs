@@ -1,6 +1,6 @@
 //! A camera's lens in pixels.
 
-use evis_scene::Scene;
+use evis_scene::{PinholeLens, Scene, Variant};
 
 use crate::Error;
 
@@ -20,12 +20,18 @@ pub struct PixelLens {
 }
 
 impl PixelLens {
-    /// That of camera `camera` of `scene`, at `size` pixels or the camera's own size, without distortion.
+    /// That of camera `camera` of `scene` in `variant` at `t_us`, at `size` pixels or the camera's own size, without distortion.
     ///
     /// # Errors
     /// A camera that does not exist, or whose lens or size cannot be used.
-    pub fn new(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result<Self, Error> {
-        let Some(camera) = scene.cameras.get(camera) else {
+    pub fn new(
+        scene: &Scene,
+        variant: Option<&Variant>,
+        camera: usize,
+        size: Option<(u32, u32)>,
+        t_us: f64,
+    ) -> Result<Self, Error> {
+        let Some(camera) = scene.camera_in(variant, camera, t_us) else {
             let count = scene.cameras.len();
             return Err(Error::Camera(format!("camera {camera} does not exist; the scene has {count}")));
         };
@@ -43,10 +49,15 @@ impl PixelLens {
             let name = &camera.name;
             return Err(Error::Camera(format!(
                 "camera '{name}' has focal lengths {focal:?} px, centre {center:?} px and near plane {} m; all must be \
-             finite, focal lengths and near plane above 0",
+                 finite, focal lengths and near plane above 0",
                 camera.near
             )));
         }
         Ok(Self { focal, center, width, height, near: camera.near })
+    }
+
+    /// How it projects.
+    pub const fn pinhole(&self) -> PinholeLens {
+        PinholeLens { focal: self.focal, center: self.center }
     }
 }

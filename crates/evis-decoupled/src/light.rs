@@ -11,7 +11,7 @@ use std::hash::BuildHasher;
 use std::sync::{Arc, Mutex, OnceLock};
 
 use evis_scene::motion::{WaveShape, Waveform};
-use evis_scene::{Material, MaterialFactors, ShadingModel, TextureRef};
+use evis_scene::{Light, LightFactors, Material, MaterialFactors, ShadingModel, TextureRef};
 use glam::{DMat2, DMat3, DMat4, DVec2, DVec3};
 
 use crate::Error;
@@ -139,6 +139,8 @@ pub struct Lighting<'a> {
     answers: Vec<Answer>,
     /// Per material, as `looks` and `answers` have them.
     factors: Vec<MaterialFactors>,
+    /// Per light, as kept cells were lit.
+    lights: Vec<LightFactors>,
     /// Lamps and frames at both ends of the block.
     lamps: [Vec<Lamp>; 2],
     frames: Option<[Frame; 2]>,
@@ -300,11 +302,17 @@ impl<'a> Lighting<'a> {
     /// Light of `world`; `shared` is of its scene.
     pub fn new(world: &'a World<'a>, shared: &Arc<Shared>) -> Self {
         let factors = world.scene.materials.iter().map(Material::factors).collect();
-        Self::with_factors(world, shared, factors)
+        let lights = world.scene.lights.iter().map(Light::factors).collect();
+        Self::with_factors(world, shared, factors, lights)
     }
 
-    /// As [`Lighting::new`], with these factors of the scene's materials.
-    fn with_factors(world: &'a World<'a>, shared: &Arc<Shared>, factors: Vec<MaterialFactors>) -> Self {
+    /// As [`Lighting::new`], with these factors of the scene's materials and lights.
+    fn with_factors(
+        world: &'a World<'a>,
+        shared: &Arc<Shared>,
+        factors: Vec<MaterialFactors>,
+        lights: Vec<LightFactors>,
+    ) -> Self {
         let scene = world.scene;
         let textures = &shared.textures;
         let look = |f: &Facet| {
@@ -342,6 +350,7 @@ impl<'a> Lighting<'a> {
             looks,
             answers,
             factors,
+            lights,
             shared: Arc::clone(shared),
             lamps: Default::default(),
             frames: None,
@@ -374,10 +383,12 @@ impl<'a> Lighting<'a> {
         let world = self.world;
         self.block += 1;
         let frames = clock.ends()?;
-        if frames[0].state.factors != self.factors {
-            // What is kept of earlier blocks was lit as materials were then.
+        let state = &frames[0].state;
+        if state.factors != self.factors || state.lights != self.lights {
+            // What is kept of earlier blocks was lit as materials and lights were then.
             let (block, shaded) = (self.block, std::mem::take(&mut self.shaded));
-            let now = Self::with_factors(world, &Arc::clone(&self.shared), frames[0].state.factors.clone());
+            let (factors, lights) = (state.factors.clone(), state.lights.clone());
+            let now = Self::with_factors(world, &Arc::clone(&self.shared), factors, lights);
             *self = Self { block, shaded, ..now };
         }
         self.lamps = frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
@@ -1383,7 +1394,7 @@ impl<'a> Lighting<'a> {
             // The direction whose homogeneous image point is (x, y, 1).
             let matrix = glam::DMat3::from_mat4(frame.screen_from_world).inverse();
             let direction = matrix * seen;
-            let pixel = axes[0][0].max(axes[1][1]) / self.world.lens.focal[0];
+            let pixel = axes[0][0].max(axes[1][1]) / frame.lens.focal[0];
             material::sky(environment, direction, pixel)
         };
         let (a, b) = (of(&frames[0]), of(&frames[1]));

@@ -99,6 +99,7 @@ pub fn lamps(scene: &Scene, frame: &Frame, moving: &[bool]) -> Vec<Lamp> {
             Some(_) => 1.0,
             None => frame.state.light_factor.get(number).copied().unwrap_or(1.0),
         };
+        let own = frame.state.lights.get(number).copied().unwrap_or_else(|| light.factors());
         let cone = match light.kind {
             LightKind::Spot { inner, outer } => {
                 let (inner, outer) = (f64::from(inner).cos(), f64::from(outer).cos());
@@ -111,7 +112,7 @@ pub fn lamps(scene: &Scene, frame: &Frame, moving: &[bool]) -> Vec<Lamp> {
             kind: light.kind,
             position: pose.w_axis.truncate(),
             direction: pose.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z),
-            strength: wide(light.color) * f64::from(light.intensity) * f64::from(factor),
+            strength: wide(own.color) * f64::from(own.shining()) * f64::from(factor),
             range: light.range.map(f64::from).filter(|r| *r > 0.0),
             cone,
             casts_shadow: light.casts_shadow && light.kind != LightKind::Point,

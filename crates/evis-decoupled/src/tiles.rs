@@ -7,7 +7,7 @@
 
 use std::sync::Arc;
 
-use evis_scene::{CalibratedLens, Scene};
+use evis_scene::{CalibratedLens, LensModel, Scene, Variant};
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
@@ -206,18 +206,23 @@ pub struct LensTiles {
 }
 
 impl LensTiles {
-    /// Those of camera `camera`, whose picture without distortion is that of `lens`; `None` for a pinhole.
+    /// Those of camera `camera` in `variant`, whose picture without distortion is that of `lens`; `None` for a pinhole.
     ///
     /// # Errors
     /// A lens that sees farther from its axis than [`WIDEST_DEGREES`], or nothing.
-    pub fn new(scene: &Scene, camera: usize, lens: &PixelLens) -> Result<Option<Self>, Error> {
+    pub fn new(
+        scene: &Scene,
+        variant: Option<&Variant>,
+        camera: usize,
+        lens: &PixelLens,
+    ) -> Result<Option<Self>, Error> {
         let name = &scene.cameras[camera].name;
         if !scene.distortions.contains_key(name) {
             return Ok(None);
         }
         let refuse = |text: String| Error::Camera(format!("camera '{name}': {text}"));
         let own = scene
-            .calibrated_lens(camera, lens.width, lens.height)
+            .calibrated_lens_in(variant, camera, lens.width, lens.height)
             .map_err(|error| refuse(error.to_string()))?;
         let [columns, rows] = [lens.width, lens.height].map(|v| (v as usize).div_ceil(TILE));
         let found: Vec<(TileView, f64)> = (0..columns * rows)
@@ -268,7 +273,7 @@ fn fit(own: &CalibratedLens, lens: &PixelLens, place: [usize; 2]) -> (TileView, 
     let mut image_of = |at: DVec2| {
         let seen = own.unproject(at).filter(|_| at.cmple(size).all())?;
         widest = widest.max((-seen.z).acos());
-        (seen.z < -1e-3).then(|| image_of(lens, seen))
+        if seen.z < -1e-3 { lens.pinhole().project(seen) } else { None }
     };
     let corner = |k: usize| DVec2::new((k % (TILE + 1)) as f64, (k / (TILE + 1)) as f64) - HALF;
     let corners: [_; CORNERS] = std::array::from_fn(|k| image_of(origin + HALF + corner(k)));
@@ -315,12 +320,6 @@ fn fit(own: &CalibratedLens, lens: &PixelLens, place: [usize; 2]) -> (TileView, 
         scale = scale.max(largest_stretch(change(&inverse, [x, y]).inverse()));
     }
     (TileView { map, inverse, bent: Some(Arc::new(bent)), margin, rect, scale, pixels }, widest)
-}
-
-/// Where a direction that the camera sees lies on the picture without distortion.
-fn image_of(lens: &PixelLens, seen: DVec3) -> DVec2 {
-    let [fx, fy] = lens.focal;
-    DVec2::new(-fx * seen.x / seen.z, fy * seen.y / seen.z) + DVec2::from_array(lens.center)
 }
 
 /// The largest singular value.
@@ -413,7 +412,7 @@ mod tests {
                 let frame = tile.pixel(pixel);
                 let at = DVec2::new(x as f64, y as f64);
                 for corner in [DVec2::ZERO, DVec2::X, DVec2::Y, DVec2::ONE, DVec2::splat(0.5)] {
-                    let image = image_of(&world.lens, lens.unproject(at + corner).unwrap());
+                    let image = world.lens.pinhole().project(lens.unproject(at + corner).unwrap()).unwrap();
                     let own = tile.point(image.x, image.y, 1.0);
                     let expected = DVec2::from_array(frame.point((corner - 0.5).to_array()));
                     let off = DVec2::new(own.x, own.y) / own.z - expected;
@@ -423,7 +422,7 @@ mod tests {
                     count += 1.0;
                 }
                 let [i, j] = [x % TILE, y % TILE];
-                let image = image_of(&world.lens, lens.unproject(at).unwrap());
+                let image = world.lens.pinhole().project(lens.unproject(at).unwrap()).unwrap();
                 let own = tile.point(image.x, image.y, 1.0);
                 let off = DVec2::new(own.x, own.y) / own.z - DVec2::from_array(tile.corner(i, j));
                 assert!(off.length() < 1e-9, "{off}");

@@ -77,10 +77,12 @@ pub struct World<'a> {
     pub variant: Option<&'a Variant>,
     /// Index into [`Scene::cameras`].
     pub camera: usize,
-    /// Its lens, without distortion.
+    /// Its pixels, without distortion; focal lengths and centre are those of [`Frame::lens`].
     pub lens: PixelLens,
     /// Where tiles lie on the picture of that, where its lens is distorted.
     pub tiles: Option<Arc<LensTiles>>,
+    /// As it was asked for.
+    size: Option<(u32, u32)>,
     /// Primitives of nodes, in node order.
     pub surfaces: Vec<Surface>,
     /// Groups of facets, in surface order.
@@ -100,6 +102,8 @@ pub struct Frame {
     pub screen_from_world: DMat4,
     /// The camera's world position.
     pub eye: DVec3,
+    /// The camera's lens.
+    pub lens: PixelLens,
 }
 
 impl<'a> World<'a> {
@@ -121,15 +125,16 @@ impl<'a> World<'a> {
         camera: usize,
         size: Option<(u32, u32)>,
     ) -> Result<Self, Error> {
-        let lens = PixelLens::new(scene, camera, size)?;
+        let lens = PixelLens::new(scene, variant, camera, size, f64::INFINITY)?;
         let moving_nodes = moving_nodes(scene);
-        let tiles = LensTiles::new(scene, camera, &lens)?.map(Arc::new);
+        let tiles = LensTiles::new(scene, variant, camera, &lens)?.map(Arc::new);
         let mut world = Self {
             scene,
             variant,
             camera,
             lens,
             tiles,
+            size,
             surfaces: Vec::new(),
             clusters: Vec::new(),
             facets: Vec::new(),
@@ -205,14 +210,16 @@ impl<'a> World<'a> {
             let name = &self.scene.cameras[self.camera].name;
             return Err(Error::Camera(format!("camera '{name}' has no pose at {t_us} us")));
         };
-        let [fx, fy] = self.lens.focal;
-        let [cx, cy] = self.lens.center;
+        let lens = PixelLens::new(self.scene, self.variant, self.camera, self.size, t_us)?;
+        let [fx, fy] = lens.focal;
+        let [cx, cy] = lens.center;
         let screen_from_camera = DMat4::from_cols_array(&[
             fx, 0.0, 0.0, 0.0, 0.0, -fy, 0.0, 0.0, -cx, -cy, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
         ]);
         Ok(Frame {
             screen_from_world: screen_from_camera * world_from_camera.inverse(),
             eye: world_from_camera.w_axis.truncate(),
+            lens,
             state,
         })
     }

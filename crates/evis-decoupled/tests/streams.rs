@@ -182,7 +182,7 @@ fn driven() -> (Scene, Arc<evis_scene::HostPoses>, impl Fn(i64) -> HostPose) {
         let mut state = evis_scene::SceneState::default();
         free.evaluate(t_us as f64 * 1e-6, &mut state);
         let (_, rotation, position) = state.world_from_node[disc].to_scale_rotation_translation();
-        HostPose { t_us, position, rotation, velocity: None }
+        HostPose { t_us, position, rotation, velocity: None, angular_velocity: None }
     };
     (scene, host, pose)
 }

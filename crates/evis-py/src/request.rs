@@ -41,6 +41,7 @@ pub(crate) struct Request {
     reference_luminance: Option<f32>,
     poses: Vec<String>,
     materials: Vec<String>,
+    lights: Vec<String>,
     pose_step_us: Option<i64>,
 }
 
@@ -84,6 +85,7 @@ impl TryFrom<Request> for RunRequest {
             reference_luminance: asked.reference_luminance,
             poses: asked.poses,
             materials: asked.materials,
+            lights: asked.lights,
             pose_step_us: asked.pose_step_us,
         })
     }

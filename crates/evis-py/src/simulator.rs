@@ -7,9 +7,10 @@ use std::task::Poll;
 use evis_core::CameraInfo;
 use evis_render::settings::RecordedScene;
 use evis_render::{
-    DeviceSummary, EnvironmentSensor, Gpu, PacketStream, Quality, RunConfig, RunRequest, implausible,
+    DeviceSummary, EnvironmentLens, EnvironmentSensor, Gpu, PacketStream, Quality, RunConfig, RunRequest,
+    implausible,
 };
-use evis_scene::{HostJump, HostPose, HostStep, MaterialChange, VisibleSteps};
+use evis_scene::{HostJump, HostPose, HostStep, Lens, LightChange, MaterialChange, VisibleSteps};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
@@ -27,6 +28,8 @@ pub(crate) struct Simulator {
     /// `None` while a stream has it.
     engine: ProcessBound<Mutex<Option<evis_render::Simulator>>>,
     cameras: Vec<CameraInfo>,
+    /// By environment, as they are now.
+    cameras_of: Mutex<Vec<Vec<CameraInfo>>>,
     environments: usize,
     config: RunConfig,
     notes: Vec<String>,
@@ -44,6 +47,10 @@ pub(crate) struct Simulator {
 pub(crate) struct Stream {
     engine: ProcessBound<Mutex<Option<PacketStream>>>,
     sizes: Vec<(u32, u32)>,
+}
+
+fn cameras_of(simulator: &evis_render::Simulator) -> Vec<Vec<CameraInfo>> {
+    (0..simulator.environments()).map(|environment| simulator.cameras_of(environment)).collect()
 }
 
 fn sizes(cameras: &[CameraInfo]) -> Vec<(u32, u32)> {
@@ -81,6 +88,7 @@ impl Simulator {
             let simulator = evis_render::Simulator::new(gpu.as_ref(), scene, config)?;
             Ok::<_, Failure>(Self {
                 cameras: simulator.cameras().to_vec(),
+                cameras_of: Mutex::new(cameras_of(&simulator)),
                 environments: simulator.environments(),
                 config: simulator.config().clone(),
                 notes,
@@ -99,6 +107,12 @@ impl Simulator {
     #[getter]
     fn cameras<'py>(&self, py: Python<'py>) -> PyResult<Vec<Bound<'py, PyDict>>> {
         self.cameras.iter().map(|camera| engine::camera_dict(py, camera)).collect()
+    }
+
+    /// The same with the lenses that environment `environment` has now.
+    fn cameras_of<'py>(&self, py: Python<'py>, environment: usize) -> PyResult<Vec<Bound<'py, PyDict>>> {
+        let known = lock(&self.cameras_of).get(environment).cloned().unwrap_or_default();
+        known.iter().map(|camera| engine::camera_dict(py, camera)).collect()
     }
 
     /// The sensor of each camera, in their order, as JSON.
@@ -182,9 +196,9 @@ impl Simulator {
     }
 
     /// Runs to `until_us` and returns everything from now on. `poses`: environment, index of the node, times, and per time
-    /// position (3), rotation (x, y, z, w) and velocity (3, or none). `visible`: environment, index of the node, and whether it
-    /// is seen up to each time. `materials`: environment, index of the material, new factors.
-    #[pyo3(signature = (until_us, poses, visible, materials))]
+    /// position (3), rotation (x, y, z, w), velocity and angular velocity (3, or none). `visible`: environment, index of the node, and whether it
+    /// is seen up to each time. `materials` and `lights`: environment, index, new factors.
+    #[pyo3(signature = (until_us, poses, visible, materials, lights))]
     fn step(
         &self,
         py: Python<'_>,
@@ -192,15 +206,18 @@ impl Simulator {
         poses: Option<Vec<NodePoses>>,
         visible: Vec<VisibleSteps>,
         materials: Vec<(usize, usize, Factors)>,
+        lights: Vec<(usize, usize, LightValues)>,
     ) -> PyResult<Packet> {
-        let driven = poses.is_some() || !visible.is_empty() || !materials.is_empty();
+        let driven = poses.is_some() || !visible.is_empty() || !materials.is_empty() || !lights.is_empty();
         let poses: Vec<_> = poses.into_iter().flatten().map(host_poses).collect();
         let materials: Vec<_> = materials.into_iter().map(host_change).collect();
+        let lights: Vec<_> = lights.into_iter().map(light_change).collect();
         let packet = py.detach_interruptible(&self.stop, || {
             let mut engine = lock_unpoisoned(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(engine_in_stream)?;
             let packet = if driven {
-                let step = HostStep { poses: &poses, visible: &visible, materials: &materials };
+                let step =
+                    HostStep { poses: &poses, visible: &visible, materials: &materials, lights: &lights };
                 simulator.step_with(until_us, &step)?
             } else {
                 simulator.step(until_us)?
@@ -211,9 +228,10 @@ impl Simulator {
         packet::convert(py, packet, &sizes(&self.cameras))
     }
 
-    /// Resets environments. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w). `visible` and
-    /// `materials`: as of a step, without times. `sensors`: environment, index of the camera, sensor as JSON.
-    #[pyo3(signature = (environments, seeds, sensors, poses, visible, materials))]
+    /// Resets environments. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w). `visible`, `materials`
+    /// and `lights`: as of a step, without times. `sensors`: environment, index of the camera, sensor as JSON. `lenses`:
+    /// environment, index of the camera, field of view in radians or fx, fy, cx, cy.
+    #[pyo3(signature = (environments, seeds, sensors, lenses, poses, visible, materials, lights))]
     #[expect(clippy::too_many_arguments, reason = "Python names them")]
     fn reset(
         &self,
@@ -221,15 +239,19 @@ impl Simulator {
         environments: Vec<usize>,
         seeds: Vec<u64>,
         sensors: Vec<(usize, usize, String)>,
+        lenses: Vec<(usize, usize, Vec<f64>)>,
         poses: Vec<(usize, usize, [f64; 7])>,
         visible: Vec<(usize, usize, bool)>,
         materials: Vec<(usize, usize, Factors)>,
+        lights: Vec<(usize, usize, LightValues)>,
     ) -> PyResult<()> {
         let pose = |(environment, node, [x, y, z, qx, qy, qz, qw]): (usize, usize, [f64; 7])| {
             (environment, node, HostPose::new(0, [x, y, z], [qx, qy, qz, qw], None))
         };
         let poses: Vec<_> = poses.into_iter().map(pose).collect();
         let materials: Vec<_> = materials.into_iter().map(host_change).collect();
+        let lights: Vec<_> = lights.into_iter().map(light_change).collect();
+        let lenses: Vec<_> = lenses.into_iter().map(environment_lens).collect::<Result<_, _>>()?;
         let sensor = |(environment, camera, json): (usize, usize, String)| {
             Ok::<_, Failure>(EnvironmentSensor { environment, camera, sensor: emulator::from_json(&json)? })
         };
@@ -237,8 +259,12 @@ impl Simulator {
         py.detach_engine(|| {
             let mut engine = lock_unpoisoned(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(engine_in_stream)?;
-            let jump = HostJump { poses: &poses, visible: &visible, materials: &materials };
-            Ok::<_, Failure>(simulator.reset_to(&environments, &seeds, &sensors, &jump)?)
+            let jump = HostJump { poses: &poses, visible: &visible, materials: &materials, lights: &lights };
+            simulator.reset_to(&environments, &seeds, &sensors, &lenses, &jump)?;
+            if !lenses.is_empty() {
+                *lock(&self.cameras_of) = cameras_of(simulator);
+            }
+            Ok::<_, Failure>(())
         })
     }
 
@@ -257,13 +283,15 @@ impl Simulator {
     }
 }
 
-/// Environment, index of the node, times, positions and rotations, velocities.
-type NodePoses = (usize, usize, Vec<i64>, Vec<[f64; 7]>, Option<Vec<[f64; 3]>>);
+/// Environment, index of the node, times, positions and rotations, velocities, angular velocities.
+type NodePoses = (usize, usize, Vec<i64>, Vec<[f64; 7]>, Option<Vec<[f64; 3]>>, Option<Vec<[f64; 3]>>);
 
-fn host_poses((environment, node, times, values, velocities): NodePoses) -> (usize, usize, Vec<HostPose>) {
-    let velocity = |i: usize| velocities.as_ref().and_then(|v| v.get(i)).copied();
+fn host_poses(
+    (environment, node, times, values, velocities, turns): NodePoses,
+) -> (usize, usize, Vec<HostPose>) {
+    let of = |list: &Option<Vec<[f64; 3]>>, i: usize| list.as_ref().and_then(|v| v.get(i)).copied();
     let pose = |(i, (t_us, [x, y, z, qx, qy, qz, qw])): (usize, (i64, [f64; 7]))| {
-        HostPose::new(t_us, [x, y, z], [qx, qy, qz, qw], velocity(i))
+        HostPose::new(t_us, [x, y, z], [qx, qy, qz, qw], of(&velocities, i)).turning(of(&turns, i))
     };
     (environment, node, times.into_iter().zip(values).enumerate().map(pose).collect())
 }
@@ -274,6 +302,25 @@ type Factors = (Option<[f32; 3]>, Option<f32>, Option<[f32; 3]>, Option<f32>);
 fn host_change((environment, material, factors): (usize, usize, Factors)) -> (usize, usize, MaterialChange) {
     let (base_color, metallic, emissive, roughness) = factors;
     (environment, material, MaterialChange { base_color, metallic, emissive, roughness })
+}
+
+/// Colour, intensity, on; what is none stays.
+type LightValues = (Option<[f32; 3]>, Option<f32>, Option<bool>);
+
+fn light_change((environment, light, values): (usize, usize, LightValues)) -> (usize, usize, LightChange) {
+    let (color, intensity, on) = values;
+    (environment, light, LightChange { color, intensity, on })
+}
+
+fn environment_lens(
+    (environment, camera, values): (usize, usize, Vec<f64>),
+) -> Result<EnvironmentLens, Failure> {
+    let lens = match values[..] {
+        [fov_y] => Lens::FieldOfView { fov_y },
+        [fx, fy, cx, cy] => Lens::Intrinsics { fx, fy, cx, cy },
+        _ => return Err(Failure::Engine(format!("a lens has {} numbers; 1 or 4", values.len()))),
+    };
+    Ok(EnvironmentLens { environment, camera, lens })
 }
 
 fn engine_in_stream() -> Failure {

@@ -41,7 +41,7 @@ mod tests;
 
 pub use config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows, scene_sensors};
 pub use engine::bench;
-pub use engine::{EnvironmentSensor, PacketStream, Simulator};
+pub use engine::{EnvironmentLens, EnvironmentSensor, PacketStream, Simulator};
 pub use error::EngineError;
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};

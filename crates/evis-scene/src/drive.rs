@@ -1,15 +1,53 @@
-//! Leaving nodes and materials to a host.
+//! Leaving nodes, materials and lights to a host.
 
 use std::sync::Arc;
 
 use crate::builder::both_sides;
 use crate::error::SceneError;
-use crate::host_poses::{DrivenMaterial, DrivenNode, DrivenPart, HostPoses};
+use crate::host_poses::{Driven, DrivenLight, DrivenMaterial, DrivenNode, DrivenPart, HostPoses};
 use crate::model::{Scene, Variant};
 use crate::motion::Motion;
 use crate::pose::SceneState;
 use crate::steps::Steps;
 use crate::track::Track;
+
+/// What a host moves and changes, by name.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct HostNames<'a> {
+    /// Nodes or cameras, whose poses come through [`HostPoses::advance`].
+    pub nodes: &'a [String],
+    /// Materials; or nodes where no material has the name: what these draw gets materials of its own, which other nodes do not
+    /// share.
+    pub materials: &'a [String],
+    /// Lights; or nodes where no light has the name, which get a light of their own.
+    pub lights: &'a [String],
+}
+
+/// The value of item `index` in a list of an environment; `None` where the scene's own holds.
+fn own_value<T: Copy + PartialEq>(list: &[(usize, Arc<Steps<T>>)], index: usize) -> Option<T> {
+    list.iter().find(|(own, _)| *own == index)?.1.at(f64::NEG_INFINITY)
+}
+
+/// A list of an environment, shared with no other scene.
+fn apart<T: Copy + PartialEq>(list: &mut [(usize, Arc<Steps<T>>)]) {
+    for (_, steps) in list {
+        if let Some(value) = steps.at(f64::NEG_INFINITY) {
+            *steps = Arc::new(Steps::new(value));
+        }
+    }
+}
+
+/// Lets `steps` be what item `index` follows.
+fn follow<T>(list: &mut Vec<(usize, Arc<Steps<T>>)>, index: usize, steps: &Arc<Steps<T>>) {
+    list.retain(|(own, _)| *own != index);
+    list.push((index, Arc::clone(steps)));
+}
+
+/// Where an environment has item `from` otherwise, item `to`, which was made from it, is so, too.
+fn inherit<T>(list: &mut Vec<(usize, Arc<Steps<T>>)>, from: usize, to: usize) {
+    let steps = list.iter().find(|(own, _)| *own == from).map(|(_, steps)| Arc::clone(steps));
+    list.extend(steps.map(|steps| (to, steps)));
+}
 
 impl Scene {
     /// As [`Scene::drive_with`], with no material.
@@ -20,19 +58,31 @@ impl Scene {
         self.drive_with(names, &[], start_us)
     }
 
-    /// Leaves nodes and materials to a host from scene time `start_us` on; until it says anything they are as the scene has them
-    /// at `start_us`. `nodes`: names of nodes or cameras, whose poses in the world then come through [`HostPoses::advance`].
-    /// `materials`: names of materials, or of nodes where no material has the name: what these draw gets materials of its own,
-    /// which other nodes do not share.
+    /// As [`Scene::leave_to_host`], with no light.
     ///
     /// # Errors
-    /// Names that do not exist, that several have, or that are given twice; nodes that draw nothing, as materials.
+    /// As [`Scene::leave_to_host`].
     pub fn drive_with(
         &mut self,
         nodes: &[String],
         materials: &[String],
         start_us: i64,
     ) -> Result<Arc<HostPoses>, SceneError> {
+        self.leave_to_host(&HostNames { nodes, materials, lights: &[] }, start_us)
+    }
+
+    /// Leaves nodes, materials and lights to a host from scene time `start_us` on; until it says anything they are as the scene
+    /// has them at `start_us`.
+    ///
+    /// # Errors
+    /// Names that do not exist, that several have, or that are given twice; nodes that draw nothing, as materials, and nodes that
+    /// carry no light, as lights.
+    pub fn leave_to_host(
+        &mut self,
+        names: &HostNames<'_>,
+        start_us: i64,
+    ) -> Result<Arc<HostPoses>, SceneError> {
+        let HostNames { nodes, materials, lights } = *names;
         let mut driven = Vec::with_capacity(nodes.len());
         for name in nodes {
             let node = self.driven_node(name)?;
@@ -44,6 +94,7 @@ impl Scene {
             driven.push(node);
         }
         let parts = self.driven_materials(materials)?;
+        let lamps = self.driven_lights(lights)?;
         if self.variants.is_empty() {
             self.variants.push(Variant::default());
         }
@@ -58,7 +109,8 @@ impl Scene {
             .collect();
         for variant in &mut self.variants {
             variant.poses.clear();
-            variant.factors.clear();
+            apart(&mut variant.factors);
+            apart(&mut variant.lights);
         }
         let mut host_nodes = Vec::with_capacity(nodes.len());
         for (name, &node) in nodes.iter().zip(&driven) {
@@ -80,16 +132,41 @@ impl Scene {
             let parts = parts.into_iter().map(|index| {
                 let material = &mut self.materials[index];
                 material.driven = true;
-                let own = material.factors();
-                let each: Vec<_> = self.variants.iter().map(|_| Arc::new(Steps::new(own))).collect();
+                let own = |v: &Variant| own_value(&v.factors, index).unwrap_or_else(|| material.factors());
+                let each: Vec<_> = self.variants.iter().map(|v| Arc::new(Steps::new(own(v)))).collect();
                 for (variant, steps) in self.variants.iter_mut().zip(&each) {
-                    variant.factors.push((index, Arc::clone(steps)));
+                    follow(&mut variant.factors, index, steps);
                 }
                 DrivenPart { name: material.name.clone(), model: material.model, factors: each }
             });
             host_materials.push(DrivenMaterial { name: name.clone(), parts: parts.collect() });
         }
-        let host = Arc::new(HostPoses::new(self.variants.len(), host_nodes, host_materials, start_us));
+        let host_lights = lights.iter().zip(lamps).map(|(name, index)| {
+            let light = &self.lights[index];
+            let own = |v: &Variant| own_value(&v.lights, index).unwrap_or_else(|| light.factors());
+            let each: Vec<_> = self.variants.iter().map(|v| Arc::new(Steps::new(own(v)))).collect();
+            for (variant, steps) in self.variants.iter_mut().zip(&each) {
+                follow(&mut variant.lights, index, steps);
+            }
+            DrivenLight { name: name.clone(), factors: each }
+        });
+        let host_lights: Vec<DrivenLight> = host_lights.collect();
+        // A reset may give any camera another lens.
+        let lenses = self.cameras.iter().enumerate().map(|(index, camera)| {
+            let own = |v: &Variant| own_value(&v.lenses, index).unwrap_or(camera.lens);
+            let each: Vec<_> = self.variants.iter().map(|v| Arc::new(Steps::new(own(v)))).collect();
+            for (variant, steps) in self.variants.iter_mut().zip(&each) {
+                follow(&mut variant.lenses, index, steps);
+            }
+            each
+        });
+        let driven = Driven {
+            lenses: lenses.collect(),
+            nodes: host_nodes,
+            materials: host_materials,
+            lights: host_lights,
+        };
+        let host = Arc::new(HostPoses::new(self.variants.len(), driven, start_us));
         self.host_poses = Some(Arc::clone(&host));
         Ok(host)
     }
@@ -135,6 +212,55 @@ impl Scene {
         Ok(found)
     }
 
+    /// Indices of the lights that each of `names` stands for; those of nodes that share theirs are made.
+    fn driven_lights(&mut self, names: &[String]) -> Result<Vec<usize>, SceneError> {
+        let mut found: Vec<usize> = Vec::with_capacity(names.len());
+        let own = self.lights.len();
+        for (number, name) in names.iter().enumerate() {
+            if names[..number].contains(name) {
+                return Err(SceneError::Rule(format!(
+                    "'{name}' is named twice among the lights that a host changes"
+                )));
+            }
+            let lights: Vec<usize> = (0..own).filter(|&i| self.lights[i].name == *name).collect();
+            let nodes: Vec<usize> = (0..self.nodes.len()).filter(|&i| self.nodes[i].name == *name).collect();
+            found.push(match (&lights[..], &nodes[..]) {
+                (&[light], _) => light,
+                (&[], &[node]) => self.own_light(node, name)?,
+                (&[], &[]) => {
+                    let lights = self.lights.iter().map(|light| &light.name);
+                    let lit = self.nodes.iter().filter(|node| node.light.is_some()).map(|node| &node.name);
+                    let mut known: Vec<String> = lights.chain(lit).filter(|n| !n.is_empty()).cloned().collect();
+                    known.dedup();
+                    return Err(SceneError::Unknown { what: "light", name: name.clone(), known });
+                }
+                _ => {
+                    return Err(SceneError::Rule(format!(
+                        "{} lights and {} node(s) are named '{name}'; give what a host changes a name of its own",
+                        lights.len(),
+                        nodes.len()
+                    )));
+                }
+            });
+        }
+        Ok(found)
+    }
+
+    /// Gives `node` a light that no other node has, and returns its index.
+    fn own_light(&mut self, node: usize, name: &str) -> Result<usize, SceneError> {
+        let Some((index, light)) = self.nodes[node].light.and_then(|l| Some((l, self.lights.get(l)?))) else {
+            return Err(SceneError::Rule(format!(
+                "the node '{name}' carries no light that a host could change; name a light, or a node that carries one"
+            )));
+        };
+        let own = self.lights.len();
+        let light = light.clone();
+        self.lights.push(light);
+        self.nodes[node].light = Some(own);
+        self.variants.iter_mut().for_each(|variant| inherit(&mut variant.lights, index, own));
+        Ok(own)
+    }
+
     /// Gives what `node` draws materials that no other node has, and returns their indices.
     fn own_materials(&mut self, node: usize, name: &str) -> Result<Vec<usize>, SceneError> {
         let Some(mut mesh) = self.nodes[node].mesh.and_then(|mesh| self.meshes.get(mesh)).cloned() else {
@@ -152,7 +278,9 @@ impl Scene {
                 Some((_, own)) => *own,
                 None => {
                     self.materials.push(self.materials[theirs].clone());
-                    pairs.push((theirs, self.materials.len() - 1));
+                    let own = self.materials.len() - 1;
+                    self.variants.iter_mut().for_each(|variant| inherit(&mut variant.factors, theirs, own));
+                    pairs.push((theirs, own));
                     self.materials.len() - 1
                 }
             };
@@ -206,13 +334,13 @@ impl Scene {
 
 #[cfg(test)]
 mod tests {
-    use glam::{DQuat, DVec3};
+    use glam::DQuat;
 
     use super::*;
     use crate::builtin;
-    use crate::factors::MaterialChange;
+    use crate::factors::{LightChange, LightFactors, MaterialChange};
     use crate::host_poses::{HostJump, HostStep};
-    use crate::model::{Material, Node, ShadingModel};
+    use crate::model::{Lens, Material, Node, ShadingModel};
     use crate::track::HostPose;
 
     fn poses(poses: &[(usize, usize, Vec<HostPose>)]) -> HostStep<'_> {
@@ -220,7 +348,7 @@ mod tests {
     }
 
     fn at(t_us: i64, x: f64) -> HostPose {
-        HostPose { t_us, position: DVec3::new(x, 0.0, 0.0), rotation: DQuat::IDENTITY, velocity: None }
+        HostPose::new(t_us, [x, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], None)
     }
 
     #[test]
@@ -386,6 +514,57 @@ mod tests {
         assert_eq!(scene.host_step_times(None, 0.0, 1e9), [10_000.0, 20_000.0]);
         host.advance(&HostStep { materials: &[(0, 1, red)], ..HostStep::default() }, 40_000).unwrap();
         assert_eq!(scene.host_step_times(None, 0.0, 1e9).len(), 2, "the same again is no change");
+    }
+
+    #[test]
+    fn a_light_changes_for_its_environment_and_a_nodes_own_for_it_alone() {
+        let mut scene = builtin::load("desk", 0).unwrap();
+        let node = scene.nodes.iter().position(|n| n.light.is_some()).unwrap();
+        let theirs = scene.nodes[node].light.unwrap();
+        let lamp = scene.lights[theirs].name.clone();
+        let twin = Node { name: "twin".into(), ..scene.nodes[node].clone() };
+        scene.nodes.push(twin);
+        let dim = LightFactors { intensity: 0.25, ..scene.lights[theirs].factors() };
+        scene.variants = vec![Variant::default(), Variant::default().with_light(theirs, dim)];
+        let before = scene.clone();
+        let lights = [lamp.clone(), "twin".to_owned()];
+        let host = scene.leave_to_host(&HostNames { lights: &lights, ..HostNames::default() }, 0).unwrap();
+        let own = scene.nodes.last().unwrap().light.unwrap();
+        assert!(own != theirs && host.lights() == lights);
+        let of = |scene: &Scene, environment: usize, light: usize, t_us: f64| {
+            let mut state = SceneState::default();
+            scene.evaluate_variant(scene.variants.get(environment), t_us * 1e-6, &mut state);
+            state.lights[light]
+        };
+        let begins = |light: usize| [0, 1].map(|e| of(&scene, e, light, 0.0));
+        assert_eq!(begins(theirs), [before.lights[theirs].factors(), dim], "an environment's own stays");
+        assert_eq!(begins(own), begins(theirs), "what it was made of is so, too");
+        host.advance(&HostStep::default(), 10_000).unwrap();
+        let off = LightChange { on: Some(false), ..LightChange::default() };
+        host.advance(&HostStep { lights: &[(1, 1, off)], ..HostStep::default() }, 20_000).unwrap();
+        assert_eq!([10_000.0, 10_001.0].map(|t| of(&scene, 1, own, t).shining()), [0.25, 0.0]);
+        assert_eq!(of(&scene, 1, theirs, 15_000.0), dim);
+        assert!(of(&scene, 0, own, 15_000.0).on);
+        assert_eq!(scene.host_step_times(scene.variants.get(1), 0.0, 1e9), [10_000.0]);
+        assert!(scene.host_step_times(scene.variants.first(), 0.0, 1e9).is_empty());
+        // Another simulator of the same scene knows nothing of it.
+        host.set_lens(1, 0, Lens::FieldOfView { fov_y: 0.3 }).unwrap();
+        assert_eq!(before.camera_in(before.variants.get(1), 0, 0.0).unwrap().lens, before.cameras[0].lens);
+        let lens =
+            |environment: usize| scene.camera_in(scene.variants.get(environment), 0, 0.0).unwrap().lens;
+        assert_eq!([lens(0), lens(1)], [before.cameras[0].lens, Lens::FieldOfView { fov_y: 0.3 }]);
+        for (lights, message) in [
+            (vec!["nobody".to_owned()], "no light named 'nobody'"),
+            (vec![lamp.clone(), lamp], "twice"),
+            (vec![scene.cameras[0].name.clone()], "carries no light"),
+        ] {
+            let names = HostNames { lights: &lights, ..HostNames::default() };
+            let error = before.clone().leave_to_host(&names, 0).unwrap_err().to_string();
+            assert!(error.contains(message), "{error}");
+        }
+        let twice = [(0, 0, off), (0, 0, off)];
+        let error = host.advance(&HostStep { lights: &twice, ..HostStep::default() }, 30_000).unwrap_err();
+        assert!(error.to_string().contains("given twice"), "{error}");
     }
 
     #[test]

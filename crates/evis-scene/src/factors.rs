@@ -1,4 +1,4 @@
-//! What a material is but for its textures, and how a host changes it while the scene runs.
+//! What a material is but for its textures, what a light gives, and how a host changes both while the scene runs.
 
 use crate::error::SceneError;
 
@@ -60,6 +60,64 @@ impl MaterialFactors {
             roughness: change.roughness.unwrap_or(self.roughness),
         }
     }
+}
+
+/// What a light gives at a time, but for its waveform.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct LightFactors {
+    /// Linear colour.
+    pub color: [f32; 3],
+    /// Lux (directional) or candela.
+    pub intensity: f32,
+    /// Whether it shines.
+    pub on: bool,
+}
+
+impl Default for LightFactors {
+    fn default() -> Self {
+        Self { color: [1.0; 3], intensity: 1.0, on: true }
+    }
+}
+
+impl LightFactors {
+    /// Whether they are in range.
+    ///
+    /// # Errors
+    /// Names the first that is not, and its range.
+    pub(crate) fn check(&self) -> Result<(), SceneError> {
+        light_color("color", self.color)?;
+        if self.intensity.is_finite() && self.intensity >= 0.0 {
+            return Ok(());
+        }
+        let intensity = self.intensity;
+        Err(SceneError::Rule(format!("intensity is {intensity}; it takes lux or candela, 0 or more")))
+    }
+
+    /// The intensity, 0 where it does not shine.
+    pub const fn shining(&self) -> f32 {
+        if self.on { self.intensity } else { 0.0 }
+    }
+
+    /// These, with what `change` gives.
+    #[must_use]
+    pub fn with(self, change: &LightChange) -> Self {
+        Self {
+            color: change.color.unwrap_or(self.color),
+            intensity: change.intensity.unwrap_or(self.intensity),
+            on: change.on.unwrap_or(self.on),
+        }
+    }
+}
+
+/// New factors of a light; what is `None` stays.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LightChange {
+    /// See [`LightFactors::color`].
+    pub color: Option<[f32; 3]>,
+    /// See [`LightFactors::intensity`].
+    pub intensity: Option<f32>,
+    /// See [`LightFactors::on`].
+    pub on: Option<bool>,
 }
 
 /// New factors of a material; what is `None` stays.

@@ -1,24 +1,31 @@
 //! What a host says while the scene runs: a physics engine, an agent, a recording that is still being made.
 
 use std::collections::HashSet;
+use std::f64::consts::TAU;
 use std::hash::Hash;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicI64, Ordering};
 
 use glam::DVec3;
 
+use crate::builder::check_lens;
 use crate::error::SceneError;
-use crate::factors::{MaterialChange, MaterialFactors, ShadingModel};
+use crate::factors::{LightChange, LightFactors, MaterialChange, MaterialFactors, ShadingModel};
+use crate::model::Lens;
 use crate::steps::Steps;
 use crate::track::{HostPose, Track};
 
 /// How far a quaternion's length may be from 1.
 const UNIT_TOLERANCE: f64 = 1e-3;
 
+/// How far a node may turn between two poses with angular velocities, in radians.
+const MOST_TURN: f64 = TAU;
+
 /// Environment, node, and whether it is seen up to each time in microseconds.
 pub type VisibleSteps = (usize, usize, Vec<(i64, bool)>);
 
-/// What a host says of a step. Nodes are indices into [`HostPoses::names`], materials into [`HostPoses::materials`].
+/// What a host says of a step. Nodes are indices into [`HostPoses::names`], materials into [`HostPoses::materials`], lights into
+/// [`HostPoses::lights`].
 #[derive(Clone, Copy, Debug, Default)]
 pub struct HostStep<'a> {
     /// Environment, node, its poses; the last one is at the step's end.
@@ -28,12 +35,17 @@ pub struct HostStep<'a> {
     pub visible: &'a [VisibleSteps],
     /// Environment, material, and what changes of it, just after what is known; in the very first step it was never otherwise.
     pub materials: &'a [(usize, usize, MaterialChange)],
+    /// Environment, light, and what changes of it, when materials do.
+    pub lights: &'a [(usize, usize, LightChange)],
 }
 
 impl HostStep<'_> {
     /// Whether nothing is said.
     pub const fn is_empty(&self) -> bool {
-        self.poses.is_empty() && self.visible.is_empty() && self.materials.is_empty()
+        self.poses.is_empty()
+            && self.visible.is_empty()
+            && self.materials.is_empty()
+            && self.lights.is_empty()
     }
 }
 
@@ -46,6 +58,8 @@ pub struct HostJump<'a> {
     pub visible: &'a [(usize, usize, bool)],
     /// Environment, material, and what changes of it.
     pub materials: &'a [(usize, usize, MaterialChange)],
+    /// Environment, light, and what changes of it.
+    pub lights: &'a [(usize, usize, LightChange)],
 }
 
 impl HostJump<'_> {
@@ -53,7 +67,9 @@ impl HostJump<'_> {
     pub fn environments(&self) -> impl Iterator<Item = usize> {
         let poses = self.poses.iter().map(|(environment, ..)| *environment);
         let visible = self.visible.iter().map(|(environment, ..)| *environment);
-        poses.chain(visible).chain(self.materials.iter().map(|(environment, ..)| *environment))
+        let materials = self.materials.iter().map(|(environment, ..)| *environment);
+        let lights = self.lights.iter().map(|(environment, ..)| *environment);
+        poses.chain(visible).chain(materials).chain(lights)
     }
 }
 
@@ -88,14 +104,36 @@ pub(crate) struct DrivenPart {
     pub factors: Vec<Arc<Steps<MaterialFactors>>>,
 }
 
+/// A light that a host changes.
+#[derive(Debug)]
+pub(crate) struct DrivenLight {
+    /// As it was asked for.
+    pub name: String,
+    /// By environment.
+    pub factors: Vec<Arc<Steps<LightFactors>>>,
+}
+
+/// What a host moves and changes.
+#[derive(Debug)]
+pub(crate) struct Driven {
+    pub nodes: Vec<DrivenNode>,
+    pub materials: Vec<DrivenMaterial>,
+    pub lights: Vec<DrivenLight>,
+    /// By camera of the scene, then by environment.
+    pub lenses: Vec<Vec<Arc<Steps<Lens>>>>,
+}
+
 /// What a host moves and changes in a scene, in each environment, and until when that is known.
 #[derive(Debug)]
 pub struct HostPoses {
     names: Vec<String>,
     materials: Vec<String>,
+    light_names: Vec<String>,
     environments: usize,
     nodes: Vec<DrivenNode>,
     driven: Vec<DrivenMaterial>,
+    lights: Vec<DrivenLight>,
+    lenses: Vec<Vec<Arc<Steps<Lens>>>>,
     start_us: i64,
     known_until_us: AtomicI64,
     known_from_us: AtomicI64,
@@ -103,18 +141,17 @@ pub struct HostPoses {
 
 impl HostPoses {
     /// Everything is known until `known_until_us`, where tracks begin.
-    pub(crate) fn new(
-        environments: usize,
-        nodes: Vec<DrivenNode>,
-        driven: Vec<DrivenMaterial>,
-        known_until_us: i64,
-    ) -> Self {
+    pub(crate) fn new(environments: usize, driven: Driven, known_until_us: i64) -> Self {
+        let Driven { nodes, materials, lights, lenses } = driven;
         Self {
             names: nodes.iter().map(|node| node.name.clone()).collect(),
-            materials: driven.iter().map(|material| material.name.clone()).collect(),
+            light_names: lights.iter().map(|light| light.name.clone()).collect(),
+            materials: materials.iter().map(|material| material.name.clone()).collect(),
             environments,
             nodes,
-            driven,
+            driven: materials,
+            lights,
+            lenses,
             start_us: known_until_us,
             known_until_us: AtomicI64::new(known_until_us),
             known_from_us: AtomicI64::new(i64::MIN),
@@ -129,6 +166,11 @@ impl HostPoses {
     /// Names of the materials, or of nodes that have theirs, as they were asked for.
     pub fn materials(&self) -> &[String] {
         &self.materials
+    }
+
+    /// Names of the lights, or of nodes that carry theirs, as they were asked for.
+    pub fn lights(&self) -> &[String] {
+        &self.light_names
     }
 
     /// Number of environments.
@@ -198,10 +240,24 @@ impl HostPoses {
                     pose.t_us
                 ));
             }
+            let apart_s = (pose.t_us - last).max(0) as f64 * 1e-6;
             last = pose.t_us;
             let velocity = pose.velocity.unwrap_or(DVec3::ZERO);
-            if !(pose.position.is_finite() && pose.rotation.is_finite() && velocity.is_finite()) {
+            let angular = pose.angular_velocity.unwrap_or(DVec3::ZERO);
+            if !(pose.position.is_finite()
+                && pose.rotation.is_finite()
+                && velocity.is_finite()
+                && angular.is_finite())
+            {
                 return rule(format!("it holds a value that is not finite, at {} us", pose.t_us));
+            }
+            let turned = angular.length() * apart_s;
+            if pose.angular_velocity.is_some() && turned > MOST_TURN {
+                return rule(format!(
+                    "it turns by {:.2} turns since the pose before, at {} us; give poses more often, at least once a turn",
+                    turned / TAU,
+                    pose.t_us
+                ));
             }
             let length = pose.rotation.length();
             if (length - 1.0).abs() > UNIT_TOLERANCE {
@@ -279,9 +335,40 @@ impl HostPoses {
             }
             let last = part.factors[environment].at(f64::INFINITY).unwrap_or_default();
             if let Err(error) = last.with(change).check() {
-                return rule(error.to_string());
+                return rule(reason(error));
             }
         }
+        Ok(())
+    }
+
+    fn check_light(&self, environment: usize, light: usize, change: &LightChange) -> Result<(), SceneError> {
+        let driven = self.lights.get(light).and_then(|light| Some((light, light.factors.get(environment)?)));
+        let Some((light, factors)) = driven else {
+            return Err(SceneError::Rule(format!(
+                "light {light} in environment {environment}: a host changes {} light(s) in {} environment(s)",
+                self.lights.len(),
+                self.environments
+            )));
+        };
+        let last = factors.at(f64::INFINITY).unwrap_or_default();
+        let place = || self.place("light", &light.name, environment);
+        last.with(change).check().map_err(|error| SceneError::Rule(format!("{}: {}", place(), reason(error))))
+    }
+
+    /// Gives camera `camera` of the scene (an index) in `environment` another lens, as if it had never had the old one.
+    ///
+    /// # Errors
+    /// Cameras and environments that do not exist, lenses that cannot be. Then nothing has changed.
+    pub fn set_lens(&self, environment: usize, camera: usize, lens: Lens) -> Result<(), SceneError> {
+        let Some(steps) = self.lenses.get(camera).and_then(|each| each.get(environment)) else {
+            return Err(SceneError::Rule(format!(
+                "lens of camera {camera} in environment {environment}: there are {} camera(s) in {} environment(s)",
+                self.lenses.len(),
+                self.environments
+            )));
+        };
+        check_lens(&lens)?;
+        steps.replace(lens);
         Ok(())
     }
 
@@ -301,6 +388,9 @@ impl HostPoses {
         for (environment, material, change) in step.materials {
             self.check_material(*environment, *material, change)?;
         }
+        for (environment, light, change) in step.lights {
+            self.check_light(*environment, *light, change)?;
+        }
         let twice = |what: &str, name: &str| {
             Err(SceneError::Rule(format!("{what} of '{name}' are given twice for one environment")))
         };
@@ -312,6 +402,9 @@ impl HostPoses {
         }
         if let Some(material) = repeated(step.materials.iter().map(|(e, m, _)| (*e, *m))) {
             return twice("changes of the material", &self.materials[material]);
+        }
+        if let Some(light) = repeated(step.lights.iter().map(|(e, l, _)| (*e, *l))) {
+            return twice("changes of the light", &self.light_names[light]);
         }
         let (new, known_us) = (self.is_new(), self.known_until_us());
         for (environment, node, poses) in step.poses {
@@ -341,11 +434,25 @@ impl HostPoses {
                 }
             }
         }
+        for (environment, light, change) in step.lights {
+            let steps = &self.lights[*light].factors[*environment];
+            let changed = steps.at(f64::INFINITY).unwrap_or_default().with(change);
+            if new {
+                steps.replace(changed);
+            } else {
+                steps.set(known_us, changed);
+            }
+        }
         for track in self.tracks() {
             let last_us = track.last_us();
             if last_us < until_us {
                 // It rests: without a pose here, the next one would move it from the last one on.
-                let rest = track.last().map(|pose| HostPose { t_us: until_us, velocity: None, ..pose });
+                let rest = track.last().map(|pose| HostPose {
+                    t_us: until_us,
+                    velocity: None,
+                    angular_velocity: None,
+                    ..pose
+                });
                 track.append(rest.as_slice());
             }
         }
@@ -371,13 +478,16 @@ impl HostPoses {
         for (environment, material, change) in jump.materials {
             self.check_material(*environment, *material, change)?;
         }
+        for (environment, light, change) in jump.lights {
+            self.check_light(*environment, *light, change)?;
+        }
         if jump.environments().next().is_some() {
             // What was before is no longer told.
             self.known_from_us.fetch_max(now_us, Ordering::AcqRel);
         }
         for (environment, node, pose) in jump.poses {
-            let unit =
-                HostPose { t_us: now_us, rotation: pose.rotation.normalize(), velocity: None, ..*pose };
+            let rotation = pose.rotation.normalize();
+            let unit = HostPose { t_us: now_us, rotation, velocity: None, angular_velocity: None, ..*pose };
             self.nodes[*node].tracks[*environment].replace(&[HostPose { t_us: now_us - 1, ..unit }, unit]);
         }
         for (environment, node, seen) in jump.visible {
@@ -388,6 +498,10 @@ impl HostPoses {
                 steps.replace(steps.at(f64::INFINITY).unwrap_or_default().with(change));
             }
         }
+        for (environment, light, change) in jump.lights {
+            let steps = &self.lights[*light].factors[*environment];
+            steps.replace(steps.at(f64::INFINITY).unwrap_or_default().with(change));
+        }
         Ok(())
     }
 
@@ -397,6 +511,8 @@ impl HostPoses {
         self.tracks().for_each(|track| track.forget_before(t_us));
         let factors = self.driven.iter().flat_map(|driven| &driven.parts).flat_map(|part| &part.factors);
         factors.for_each(|steps| steps.forget_before(t_us));
+        let lights = self.lights.iter().flat_map(|light| &light.factors);
+        lights.for_each(|steps| steps.forget_before(t_us));
     }
 
     fn tracks(&self) -> impl Iterator<Item = &Arc<Track>> {
@@ -407,6 +523,11 @@ impl HostPoses {
         let parts = self.driven[material].parts.iter();
         parts.map(move |part| &*part.factors[environment])
     }
+}
+
+/// What is wrong, without what errors of scenes begin with.
+fn reason(error: SceneError) -> String {
+    if let SceneError::Rule(text) = error { text } else { error.to_string() }
 }
 
 /// The second one of a pair that comes twice.

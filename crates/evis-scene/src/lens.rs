@@ -10,7 +10,7 @@ use glam::{DMat2, DVec2, DVec3};
 
 use crate::distortion::{Distortion, TOLERANCE};
 use crate::error::SceneError;
-use crate::model::{Camera, Lens, Scene};
+use crate::model::{Camera, Lens, Scene, Variant};
 
 /// What an inverse may miss its point by, in normalised image coordinates.
 const ACCEPTED: f64 = 1e-10;
@@ -291,7 +291,21 @@ impl Scene {
         width: u32,
         height: u32,
     ) -> Result<CalibratedLens, SceneError> {
-        let Some(camera) = self.cameras.get(camera) else {
+        self.calibrated_lens_in(None, camera, width, height)
+    }
+
+    /// As [`Scene::calibrated_lens`], in one of the scene's environments.
+    ///
+    /// # Errors
+    /// As [`Scene::calibrated_lens`].
+    pub fn calibrated_lens_in(
+        &self,
+        variant: Option<&Variant>,
+        camera: usize,
+        width: u32,
+        height: u32,
+    ) -> Result<CalibratedLens, SceneError> {
+        let Some(camera) = self.camera_in(variant, camera, f64::INFINITY) else {
             return Err(SceneError::Rule(format!(
                 "there is no camera {camera}; it has {}",
                 self.cameras.len()

@@ -7,7 +7,7 @@ use half::f16;
 
 use crate::distortion::Distortion;
 use crate::error::SceneError;
-use crate::factors::MaterialFactors;
+use crate::factors::{LightFactors, MaterialFactors};
 use crate::motion::{Motion, Waveform};
 use crate::steps::Steps;
 
@@ -193,7 +193,8 @@ pub struct Material {
     pub alpha: AlphaMode,
     /// Back faces are drawn and lit with the flipped normal.
     pub double_sided: bool,
-    /// A host changes its factors while the scene runs: [`Scene::drive_with`] sets it.
+    /// Its factors differ between environments, or a host changes them while the scene runs: [`Scene::validate`] and
+    /// [`Scene::leave_to_host`] set it.
     pub driven: bool,
 }
 
@@ -334,6 +335,13 @@ pub struct Light {
     pub waveform: Option<Waveform>,
 }
 
+impl Light {
+    /// What it gives.
+    pub const fn factors(&self) -> LightFactors {
+        LightFactors { color: self.color, intensity: self.intensity, on: true }
+    }
+}
+
 /// How a camera maps directions to pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {
@@ -398,7 +406,7 @@ pub enum SensorKind {
     Toml(String),
 }
 
-/// One environment of a batch: the same scene with some nodes moved and its own clock.
+/// One environment of a batch: the same scene with some nodes moved, other materials, lights and lenses, and its own clock.
 #[derive(Clone, Debug, Default)]
 pub struct Variant {
     /// Added to the run's seed.
@@ -409,8 +417,35 @@ pub struct Variant {
     pub node_offsets: Vec<(usize, DMat4)>,
     /// `(node, poses)` of nodes that a host moves.
     pub poses: Vec<(usize, std::sync::Arc<crate::track::Track>)>,
-    /// `(material, factors)` of materials that a host changes.
+    /// `(material, factors)` of materials that are otherwise here, or that a host changes.
     pub factors: Vec<(usize, std::sync::Arc<Steps<MaterialFactors>>)>,
+    /// `(light, factors)` of lights that are otherwise here, or that a host changes.
+    pub lights: Vec<(usize, std::sync::Arc<Steps<LightFactors>>)>,
+    /// `(camera, lens)` of cameras whose lens is another here, or that a host may give another one.
+    pub lenses: Vec<(usize, std::sync::Arc<Steps<Lens>>)>,
+}
+
+impl Variant {
+    /// With other factors of material `material` (an index).
+    #[must_use]
+    pub fn with_material(mut self, material: usize, factors: MaterialFactors) -> Self {
+        self.factors.push((material, std::sync::Arc::new(Steps::new(factors))));
+        self
+    }
+
+    /// With other factors of light `light` (an index).
+    #[must_use]
+    pub fn with_light(mut self, light: usize, factors: LightFactors) -> Self {
+        self.lights.push((light, std::sync::Arc::new(Steps::new(factors))));
+        self
+    }
+
+    /// With another lens of camera `camera` (an index). Intrinsics belong to the camera's own size.
+    #[must_use]
+    pub fn with_lens(mut self, camera: usize, lens: Lens) -> Self {
+        self.lenses.push((camera, std::sync::Arc::new(Steps::new(lens))));
+        self
+    }
 }
 
 impl Scene {

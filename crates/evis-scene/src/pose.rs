@@ -5,8 +5,8 @@ use std::sync::Arc;
 use glam::DMat4;
 
 use crate::error::SceneError;
-use crate::factors::MaterialFactors;
-use crate::model::{Material, Scene, Variant};
+use crate::factors::{LightFactors, MaterialFactors};
+use crate::model::{Camera, Light, Material, Scene, Variant};
 use crate::motion::Motion;
 use crate::steps::Steps;
 use crate::track::Track;
@@ -20,6 +20,8 @@ pub struct SceneState {
     pub morph_weights: Vec<Vec<f32>>,
     /// Per light: the factor of its waveform.
     pub light_factor: Vec<f32>,
+    /// Per light: what the waveform multiplies.
+    pub lights: Vec<LightFactors>,
     /// Per material: the factor of its waveform.
     pub emission_factor: Vec<f32>,
     /// Per material: what textures multiply.
@@ -75,6 +77,24 @@ impl Scene {
                 *slot = now;
             }
         }
+        state.lights.clear();
+        state.lights.extend(self.lights.iter().map(Light::factors));
+        for (light, steps) in self.own_lights(variant) {
+            if let (Some(slot), Some(now)) = (state.lights.get_mut(*light), steps.at(host_us)) {
+                *slot = now;
+            }
+        }
+    }
+
+    /// Camera `camera` (an index) with the lens that it has in `variant` at scene time `t_us`; of the last change where that is
+    /// infinite. `None` where there is no such camera.
+    pub fn camera_in(&self, variant: Option<&Variant>, camera: usize, t_us: f64) -> Option<Camera> {
+        let mut own = self.cameras.get(camera)?.clone();
+        let found = variant.and_then(|v| v.lenses.iter().find(|(index, _)| *index == camera));
+        if let Some(lens) = found.and_then(|(_, steps)| steps.at(t_us)) {
+            own.lens = lens;
+        }
+        Some(own)
     }
 
     /// What a host says of node `node` in `variant`; `None` where no host moves it.
@@ -84,7 +104,12 @@ impl Scene {
         Some(own.map_or(track, |(_, own)| own))
     }
 
-    /// Materials that a host changes in `variant`; in the first one where none is chosen.
+    /// Lights that are otherwise in `variant`; in the first one where none is chosen.
+    fn own_lights<'a>(&'a self, variant: Option<&'a Variant>) -> &'a [(usize, Arc<Steps<LightFactors>>)] {
+        variant.or_else(|| self.variants.first()).map_or(&[], |variant| &variant.lights)
+    }
+
+    /// Materials that are otherwise in `variant`; in the first one where none is chosen.
     fn driven_factors<'a>(
         &'a self,
         variant: Option<&'a Variant>,
@@ -93,7 +118,7 @@ impl Scene {
     }
 
     /// Times in (start, end), in microseconds of scene time and ascending, at which a host shows or hides nodes of `variant`, or changes its
-    /// materials.
+    /// materials or lights.
     pub fn host_step_times(&self, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
         let mut times = Vec::new();
         for index in 0..self.nodes.len() {
@@ -102,6 +127,9 @@ impl Scene {
             }
         }
         for (_, steps) in self.driven_factors(variant) {
+            times.extend(steps.times(start_us, end_us));
+        }
+        for (_, steps) in self.own_lights(variant) {
             times.extend(steps.times(start_us, end_us));
         }
         times.sort_by(f64::total_cmp);

@@ -2,9 +2,10 @@
 
 use std::collections::HashSet;
 
+use crate::builder::check_lens;
 use crate::error::SceneError;
 use crate::image::MAX_EDGE;
-use crate::model::{Lens, LightKind, Material, Scene, TextureRef};
+use crate::model::{Lens, LightKind, Material, Scene, TextureRef, Variant};
 
 type Check = Result<(), String>;
 
@@ -24,6 +25,9 @@ impl Scene {
             .and_then(|()| self.check_rigid_bodies())
             .and_then(|()| self.check_not_empty())
             .map_err(SceneError::Rule)?;
+        for (material, _) in self.variants.iter().flat_map(|variant| &variant.factors) {
+            self.materials[*material].driven = true;
+        }
         self.repair_meshes();
         self.assign_instance_ids();
         self.make_camera_names_unique();
@@ -266,6 +270,42 @@ impl Scene {
                 if !offset.is_finite() {
                     return Err(format!("{label}: the offset of {} is not finite", self.node_label(*node)));
                 }
+            }
+            self.check_variant(variant).map_err(|error| format!("{label}: {error}"))?;
+        }
+        Ok(())
+    }
+
+    /// Whether the scene has what `variant` has otherwise, and may have it so.
+    pub(crate) fn check_variant(&self, variant: &Variant) -> Result<(), SceneError> {
+        let missing = |what: &str, index: usize, count: usize| {
+            Err(SceneError::Rule(format!("an environment has {what} {index} otherwise; there are {count}")))
+        };
+        for (index, steps) in &variant.factors {
+            let Some(material) = self.materials.get(*index) else {
+                return missing("material", *index, self.materials.len());
+            };
+            let Some(own) = steps.at(f64::NEG_INFINITY) else { continue };
+            own.check().map_err(|e| SceneError::Rule(format!("material '{}': {e}", material.name)))?;
+        }
+        for (index, steps) in &variant.lights {
+            let Some(light) = self.lights.get(*index) else {
+                return missing("light", *index, self.lights.len());
+            };
+            let Some(own) = steps.at(f64::NEG_INFINITY) else { continue };
+            own.check().map_err(|e| SceneError::Rule(format!("light '{}': {e}", light.name)))?;
+        }
+        for (index, steps) in &variant.lenses {
+            let Some(camera) = self.cameras.get(*index) else {
+                return missing("camera", *index, self.cameras.len());
+            };
+            let Some(own) = steps.at(f64::NEG_INFINITY) else { continue };
+            check_lens(&own).map_err(|e| SceneError::Rule(format!("camera '{}': {e}", camera.name)))?;
+            if self.distortions.contains_key(&camera.name) && !matches!(own, Lens::Intrinsics { .. }) {
+                return Err(SceneError::Rule(format!(
+                    "camera '{}' has a distortion and no focal lengths; give it intrinsics",
+                    camera.name
+                )));
             }
         }
         Ok(())

@@ -10,7 +10,8 @@ use evis_scene::primitive::Shape;
 use evis_scene::procedural::{PATTERNS, Pattern, Procedural, srgb};
 use evis_scene::toml_scene::{load, parse};
 use evis_scene::{
-    BodyMass, Collider, Dynamics, Light, Material, Motion, RigidBody, Scene, SceneError, Trs, Variant,
+    BodyMass, Collider, Dynamics, Lens, Light, LightFactors, Material, MaterialFactors, Motion, RigidBody,
+    Scene, SceneError, Trs, Variant,
 };
 use glam::{DMat4, DQuat, DVec3};
 
@@ -157,6 +158,9 @@ fn a_file_and_builder_calls_give_equal_scenes() {
         [[environments]]
         time_offset_s = 1.5
         offsets.cart = { position = [0, 0, 1] }
+        materials.m = { color = [0.5, 0.25, 1], roughness = 0.75 }
+        lights.spot = { intensity = 2, on = false }
+        cameras.eye = { fx = 40, cx = 15 }
     "##;
     let from_file = read(text).unwrap_or_else(|e| panic!("{e}"));
 
@@ -201,7 +205,15 @@ fn a_file_and_builder_calls_give_equal_scenes() {
         scene.camera(eye, Placement::at([0.0, 0.5, 0.0]).moving(keys))?;
         scene.variant(Variant::default())?;
         let node_offsets = vec![(cart, DMat4::from_translation(DVec3::Z))];
-        scene.variant(Variant { seed_offset: 1, time_offset_s: 1.5, node_offsets, ..Variant::default() })?;
+        let mut other = Variant { seed_offset: 1, time_offset_s: 1.5, node_offsets, ..Variant::default() };
+        for material in scene.find_materials("m")? {
+            let own = scene.scene().materials[material].factors();
+            let factors = MaterialFactors { base_color: [0.5, 0.25, 1.0], roughness: 0.75, ..own };
+            other = other.with_material(material, factors);
+        }
+        let spot = LightFactors { color: [1.0; 3], intensity: 2.0, on: false };
+        let lens = Lens::Intrinsics { fx: 40.0, fy: 40.0, cx: 15.0, cy: 12.0 };
+        scene.variant(other.with_light(0, spot).with_lens(0, lens))?;
         scene.build()
     };
     let from_code = build(0.5).unwrap_or_else(|e| panic!("{e}"));
@@ -307,6 +319,25 @@ fn mistakes_are_named_with_their_place_and_the_remedy() {
         ("[[environments]]\ncount = 0".into(), vec!["count is 0", "65536"]),
         ("[[environments]]\noffsets.x = { position = [0, 0, 1] }".into(), vec!["no object named 'x'"]),
         ("[[environments]]\ntime_offset_s = -1".into(), vec!["time_offset_s is -1"]),
+        ("[[environments]]\nmaterials.x = { color = [1, 1, 1] }".into(), vec!["no material named 'x'"]),
+        ("[[environments]]\nlights.x = { on = false }".into(), vec!["no light named 'x'"]),
+        ("[[environments]]\ncameras.x = { fov_y_degrees = 9 }".into(), vec!["no camera named 'x'"]),
+        (
+            "[[lights]]\nname = 'l'\nkind = 'point'\nintensity = 1\n[[environments]]\nlights.l = { intensity = -2 }".into(),
+            vec!["[[environments]] number 1", "light 'l'", "intensity is -2"],
+        ),
+        (
+            "[[cameras]]\nname = 'c'\n[[environments]]\ncameras.c = { fov_y_degrees = 200 }".into(),
+            vec!["camera 'c'", "fov_y_degrees is 200"],
+        ),
+        (
+            "[[cameras]]\nname = 'c'\n[[environments]]\ncameras.c = { }".into(),
+            vec!["[[environments]] number 1, cameras 'c'", "it has no lens"],
+        ),
+        (
+            "[[materials]]\nname = 'm'\n[[environments]]\nmaterials.m = { roughnes = 1 }".into(),
+            vec!["unknown key 'roughnes'", "did you mean 'roughness'?"],
+        ),
         ("duration_s = 0".into(), vec!["duration_s is 0", "above 0"]),
         ("duration_s = inf".into(), vec!["duration_s is inf"]),
         ("background = [1, 2]".into(), vec!["background is [1, 2]", "three linear numbers"]),

@@ -51,7 +51,7 @@ impl<'a> Clock<'a> {
         settings: &TruthSettings,
     ) -> Result<Self, SceneError> {
         let mut state = SceneState::default();
-        scene.evaluate(settings.start_us as f64 * 1e-6, &mut state);
+        scene.evaluate_variant(scene.variants.first(), settings.start_us as f64 * 1e-6, &mut state);
         let moves = moving_nodes(scene);
         let matter = Arc::new(Matter::new(scene, &state, |node| moves[node]));
         let pinhole = pinhole(scene, camera, settings)?;
@@ -83,7 +83,8 @@ impl<'a> Clock<'a> {
 
     fn prepare(&self, t_us: f64) -> Moment<'a> {
         let mut state = SceneState::default();
-        self.scene.evaluate((self.start_us as f64 + t_us) * 1e-6, &mut state);
+        let t_s = (self.start_us as f64 + t_us) * 1e-6;
+        self.scene.evaluate_variant(self.scene.variants.first(), t_s, &mut state);
         let geometry = Geometry::at(&self.matter, self.scene, &state);
         let node = self.scene.cameras[self.camera].node;
         let world_from_camera =
@@ -98,7 +99,8 @@ impl<'a> Clock<'a> {
     /// or jumps. At a jump everything is still as it was.
     pub fn break_times(&self, duration_us: i64) -> Vec<f64> {
         let start_us = self.start_us as f64;
-        let times = self.scene.break_times(None, start_us - 0.5, start_us + duration_us as f64);
+        let first = self.scene.variants.first();
+        let times = self.scene.break_times(first, start_us - 0.5, start_us + duration_us as f64);
         times.into_iter().map(|t_us| t_us - start_us).collect()
     }
 
@@ -114,6 +116,7 @@ impl<'a> Clock<'a> {
             && !self.lights_move()
             && self.scene.lights.iter().all(|l| l.waveform.is_none())
             && self.scene.materials.iter().all(|m| m.emission_waveform.is_none() && !m.driven)
+            && self.scene.host_poses.as_ref().is_none_or(|host| host.lights().is_empty())
     }
 
     /// Shortest period of any light or material, in microseconds.
@@ -158,7 +161,9 @@ fn moving_nodes(scene: &Scene) -> Vec<bool> {
 
 /// Lens of camera `camera` in pixels, at the size that `settings`, the camera or the defaults say.
 fn pinhole(scene: &Scene, camera: usize, settings: &TruthSettings) -> Result<Pinhole, SceneError> {
-    let camera = &scene.cameras[camera];
+    let Some(camera) = scene.camera_in(scene.variants.first(), camera, settings.start_us as f64) else {
+        return Err(SceneError::Rule(format!("there is no camera {camera}")));
+    };
     let (width, height) = camera.pixels(settings.size);
     let (focal, center) = camera.intrinsics((width, height));
     let usable = focal.iter().all(|f| f.is_finite() && *f > 0.0)
@@ -166,7 +171,7 @@ fn pinhole(scene: &Scene, camera: usize, settings: &TruthSettings) -> Result<Pin
         && camera.near.is_finite()
         && camera.near > 0.0;
     let mut state = SceneState::default();
-    scene.evaluate(settings.start_us as f64 * 1e-6, &mut state);
+    scene.evaluate_variant(scene.variants.first(), settings.start_us as f64 * 1e-6, &mut state);
     let pose = state.world_from_node.get(camera.node).and_then(rigid);
     let (true, Some(world_from_camera)) = (usable, pose) else {
         return Err(SceneError::Rule(format!("camera '{}' has no usable lens or pose", camera.name)));
@@ -191,7 +196,8 @@ fn distorted_lens(
     if !scene.distortions.contains_key(name) {
         return Ok(None);
     }
-    let lens = scene.calibrated_lens(camera, pinhole.width as u32, pinhole.height as u32)?;
+    let (width, height) = (pinhole.width as u32, pinhole.height as u32);
+    let lens = scene.calibrated_lens_in(scene.variants.first(), camera, width, height)?;
     for (x, y) in (0..=pinhole.height).flat_map(|y| (0..=pinhole.width).map(move |x| (x, y))) {
         if lens.planar_ray([x as f64, y as f64].into()).is_none() {
             return Err(SceneError::Rule(format!(

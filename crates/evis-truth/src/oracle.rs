@@ -37,7 +37,8 @@ struct Provenance<'a> {
     seconds: f64,
 }
 
-/// What `scene` makes an ideal sensor fire; where a host moves, shows or paints things ([`Scene::drive_with`]), as it said. `progress` is told the part that is done, from several threads, and stops
+/// What `scene` makes an ideal sensor fire, in the first of its environments; where a host moves, shows, paints or lights things
+/// ([`Scene::leave_to_host`]), as it said. `progress` is told the part that is done, from several threads, and stops
 /// the work by returning false.
 ///
 /// # Errors

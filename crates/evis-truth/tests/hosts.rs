@@ -7,7 +7,10 @@ use std::sync::Arc;
 use evis_core::SensorConfig;
 use evis_scene::builder::{EventCamera, Placement, SceneBuilder};
 use evis_scene::primitive::Shape;
-use evis_scene::{HostPoses, HostStep, Material, MaterialChange, Scene};
+use evis_scene::{
+    HostNames, HostPoses, HostStep, Light, LightChange, LightKind, Material, MaterialChange, Scene,
+    ShadingModel, Variant,
+};
 use evis_truth::{TruthSettings, truth};
 
 const BACKGROUND: f64 = 0.1;
@@ -118,4 +121,72 @@ fn what_the_host_has_not_said_or_what_is_forgotten_is_refused() {
     let error = made(settings(30_000)).unwrap_err();
     assert!(error.contains("before 10000 us") && error.contains("begins at 0 us"), "{error}");
     assert!(made(TruthSettings { start_us: 10_000, ..settings(20_000) }).is_ok());
+}
+
+#[test]
+fn a_light_changes_in_steps() {
+    let mut s = SceneBuilder::new("lit");
+    let matt = Material { name: "matt".into(), model: ShadingModel::Diffuse, ..Material::default() };
+    let matt = s.material(matt).unwrap();
+    s.shape("card", Shape::Card { size: [9.0, 9.0] }, matt, Placement::at([0.0, 0.0, -1.0])).unwrap();
+    let lamp = Light {
+        name: "lamp".into(),
+        kind: LightKind::Directional,
+        color: [1.0; 3],
+        // A white card of radiance 0.2.
+        intensity: 0.2 * std::f32::consts::PI,
+        range: None,
+        casts_shadow: false,
+        waveform: None,
+    };
+    s.light(lamp, Placement::at([0.0; 3])).unwrap();
+    let camera = EventCamera::new("eye").size(6, 4).intrinsics(10.0, 10.0, 3.0, 2.0);
+    s.camera(camera, Placement::at([0.0; 3])).unwrap();
+    let mut scene = s.build().unwrap();
+    let host =
+        scene.leave_to_host(&HostNames { lights: &["lamp".into()], ..HostNames::default() }, 0).unwrap();
+    let say = |change: LightChange| {
+        let until_us = host.known_until_us() + STEP_US;
+        host.advance(&HostStep { lights: &[(0, 0, change)], ..HostStep::default() }, until_us).unwrap();
+    };
+    let none = LightChange::default();
+    say(none);
+    say(LightChange { intensity: Some(0.83 * std::f32::consts::PI), ..none });
+    say(LightChange { on: Some(false), ..none });
+    // What was said while it was off counts.
+    say(LightChange { color: Some([0.1; 3]), on: Some(true), ..none });
+    let found = truth(&scene, &settings(4 * STEP_US), &|_| true).unwrap();
+    let wanted = expected(0.2, &[(10_000, 0.83), (20_000, 0.0), (30_000, 0.083)]);
+    for (x, y) in [(0, 0), (3, 2), (5, 3)] {
+        let of = found.events.iter().filter(|e| (e.x, e.y) == (x, y));
+        assert_eq!(of.map(|e| (e.t, e.p)).collect::<Vec<_>>(), wanted, "({x}, {y})");
+    }
+    assert!(wanted.len() > 40);
+    let error = host
+        .advance(
+            &HostStep {
+                lights: &[(0, 0, LightChange { intensity: Some(-1.0), ..none })],
+                ..HostStep::default()
+            },
+            5 * STEP_US,
+        )
+        .unwrap_err();
+    assert!(error.to_string().contains("light of 'lamp': intensity is -1"), "{error}");
+}
+
+#[test]
+fn truth_is_that_of_the_first_environment() {
+    let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
+    let lens = evis_scene::Lens::FieldOfView { fov_y: 0.7 };
+    let settings = TruthSettings { size: Some((16, 12)), ..settings(40_000) };
+    let plain = truth(&scene, &settings, &|_| true).unwrap();
+    let first = Variant { time_offset_s: 0.1, ..Variant::default() }.with_lens(0, lens);
+    scene.variants = vec![first, Variant::default()];
+    let first = truth(&scene, &settings, &|_| true).unwrap();
+    scene.variants.clear();
+    scene.cameras[0].lens = lens;
+    let own = truth(&scene, &TruthSettings { start_us: 100_000, ..settings }, &|_| true).unwrap();
+    assert_eq!(first.camera, own.camera);
+    assert_eq!(first.events, own.events);
+    assert!(first.events.len() > 5 && first.events != plain.events, "{} events", first.events.len());
 }

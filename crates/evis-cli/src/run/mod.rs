@@ -112,7 +112,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     };
     let mut job = Job {
         moving: Moving::new(scene, &simulator, args.pose_rate, &settings.imus)?,
-        headers: headers(&settings, simulator.cameras())?,
+        headers: headers(&settings, |environment| simulator.cameras_of(environment))?,
         tally: Tally::new(environments, simulator.cameras()),
         outputs,
         overwrite: args.force,
@@ -242,6 +242,7 @@ fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
         reference_luminance: args.reference_luminance,
         poses: Vec::new(),
         materials: Vec::new(),
+        lights: Vec::new(),
         pose_step_us: None,
     })
 }

@@ -80,12 +80,15 @@ impl ImuSettings {
     }
 }
 
-/// One per environment.
-pub(super) fn headers(settings: &Settings, cameras: &[CameraInfo]) -> anyhow::Result<Vec<RecordingHeader>> {
+/// One per environment, whose cameras `cameras` tells.
+pub(super) fn headers(
+    settings: &Settings,
+    cameras: impl Fn(usize) -> Vec<CameraInfo>,
+) -> anyhow::Result<Vec<RecordingHeader>> {
     let config_toml = toml::to_string(settings).context("the settings cannot be stored")?;
     let method = settings.run.method.name().to_owned();
-    let header = |environment| RecordingHeader {
-        cameras: cameras.to_vec(),
+    let header = |environment: u32| RecordingHeader {
+        cameras: cameras(environment as usize),
         seed: settings.run.seed,
         method: method.clone(),
         environment,
@@ -123,7 +126,7 @@ mod tests {
             }],
             run: config.clone(),
         };
-        let stored: toml::Table = headers(&settings, &[]).unwrap()[0].config_toml.parse().unwrap();
+        let stored: toml::Table = headers(&settings, |_| Vec::new()).unwrap()[0].config_toml.parse().unwrap();
         let run: RunConfig = stored["run"].clone().try_into().unwrap();
         assert_eq!(run, config);
         assert_eq!(stored["imus"][0]["noise"]["gyroscope_noise_density"].as_float(), Some(0.2));

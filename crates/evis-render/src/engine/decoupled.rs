@@ -17,7 +17,7 @@ use crate::gpu::Gpu;
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::world::tiles::{TILE, tiles_along};
-use crate::world::view::{View, reseed};
+use crate::world::view::{PixelLens, View, reseed};
 
 /// Views of a scene whose events are found without rendering.
 pub struct Decoupled {
@@ -148,12 +148,18 @@ impl Decoupled {
         environments: &[usize],
         seeds: &[u64],
         sensors: &[(usize, SensorConfig)],
+        lenses: &[(usize, PixelLens)],
     ) -> Result<(), EngineError> {
         self.check_reset()?;
         for (view, sensor) in sensors {
             self.views[*view].sensor = sensor.clone();
             self.seen[*view].sensor = sensor.clone();
             self.stream.set_sensor(*view, sensor.clone());
+        }
+        // What is simulated has it of the scene.
+        for (view, lens) in lenses {
+            self.views[*view].lens = *lens;
+            self.views[*view].own_lens = *lens;
         }
         reseed(&mut self.views, &self.scene, environments, seeds);
         let own = |(_, view): &(usize, &View)| environments.contains(&view.environment);
@@ -168,7 +174,7 @@ impl Decoupled {
         self.stream.restart(again);
         match &mut self.pictures {
             // Pictures see no sensor.
-            Some(engine) => engine.reset(environments, seeds, &[]),
+            Some(engine) => engine.reset(environments, seeds, &[], lenses),
             None => Ok(()),
         }
     }

@@ -9,7 +9,7 @@ pub mod submission;
 
 #[cfg(test)]
 pub(crate) use build::classes;
-pub use simulator::{EnvironmentSensor, PacketStream, Simulator};
+pub use simulator::{EnvironmentLens, EnvironmentSensor, PacketStream, Simulator};
 
 use std::collections::VecDeque;
 use std::sync::Arc;

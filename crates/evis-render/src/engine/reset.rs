@@ -10,7 +10,7 @@ use crate::sensor::chain::GroupChain;
 use crate::sensor::group::{Slot, Unit};
 use crate::sensor::passes::{WalkPasses, share_passes};
 use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
-use crate::world::view::{View, reseed};
+use crate::world::view::{PixelLens, View, reseed};
 
 use super::Engine;
 
@@ -63,8 +63,8 @@ impl Engine {
 
     /// Resets environments at the stream's present time: their pixels take the light of that time as their reference, and
     /// what they had, or had on their way, is gone. `seeds`: of what is random in them from now on, as they are drawn for a
-    /// simulator of this seed; the old ones where it is empty. `sensors`: of views of these environments from now on. Nothing of
-    /// other environments changes.
+    /// simulator of this seed; the old ones where it is empty. `sensors` and `lenses`: of views of these environments from now on.
+    /// Nothing of other environments changes.
     ///
     /// # Errors
     /// As [`Engine::check_reset`] and [`Engine::check_sensor`]; the device may fail.
@@ -73,6 +73,7 @@ impl Engine {
         environments: &[usize],
         seeds: &[u64],
         sensors: &[(usize, SensorConfig)],
+        lenses: &[(usize, PixelLens)],
     ) -> Result<(), EngineError> {
         self.check_reset()?;
         for (view, sensor) in sensors {
@@ -84,6 +85,10 @@ impl Engine {
         reseed(&mut self.context.views, &self.context.scene, environments, seeds);
         for (view, sensor) in sensors {
             self.context.views[*view].sensor = sensor.clone();
+        }
+        for (view, lens) in lenses {
+            self.context.views[*view].lens = *lens;
+            self.context.views[*view].own_lens = *lens;
         }
         for group in 0..self.groups.len() {
             let begins = |view: &usize| environments.contains(&self.context.views[*view].environment);

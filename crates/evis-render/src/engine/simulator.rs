@@ -11,7 +11,7 @@ use std::time::Duration;
 use evis_core::event::MOST_T_US;
 use evis_core::{CameraInfo, ConfigError, SensorConfig};
 use evis_decoupled::Cost;
-use evis_scene::{HostJump, HostPose, HostPoses, HostStep, Scene};
+use evis_scene::{Camera, HostJump, HostPose, HostPoses, HostStep, Lens, Scene, SceneError};
 
 use crate::config::{Method, RunConfig, checked};
 use crate::engine::Engine;
@@ -19,7 +19,7 @@ use crate::engine::decoupled::Decoupled;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::output::packet::Packet;
-use crate::world::view;
+use crate::world::view::{self, PixelLens};
 
 /// Packets that a stream renders ahead of its reader.
 const AHEAD: usize = 4;
@@ -29,7 +29,10 @@ const KEPT_POSES_US: i64 = 1_000_000;
 
 /// Renders a scene and streams its events.
 pub struct Simulator {
+    scene: Arc<Scene>,
     cameras: Vec<CameraInfo>,
+    /// Per view.
+    lenses: Vec<PixelLens>,
     environments: usize,
     config: RunConfig,
     source: Source,
@@ -45,6 +48,17 @@ pub struct EnvironmentSensor {
     pub camera: usize,
     /// Its thresholds come before those that the scene gives the camera.
     pub sensor: SensorConfig,
+}
+
+/// The lens that a camera of an environment has from a reset on.
+#[derive(Clone, Copy, Debug)]
+pub struct EnvironmentLens {
+    /// Which environment.
+    pub environment: usize,
+    /// Index into [`Simulator::cameras`].
+    pub camera: usize,
+    /// Intrinsics belong to the camera's own size, as those of the scene do.
+    pub lens: Lens,
 }
 
 /// Where packets come from.
@@ -107,10 +121,11 @@ impl Source {
         environments: &[usize],
         seeds: &[u64],
         sensors: &[(usize, SensorConfig)],
+        lenses: &[(usize, PixelLens)],
     ) -> Result<(), EngineError> {
         match self {
-            Self::Sampled(engine) => engine.reset(environments, seeds, sensors),
-            Self::Decoupled(views) => views.reset(environments, seeds, sensors),
+            Self::Sampled(engine) => engine.reset(environments, seeds, sensors, lenses),
+            Self::Decoupled(views) => views.reset(environments, seeds, sensors, lenses),
         }
     }
 
@@ -144,6 +159,8 @@ impl Simulator {
         config.set_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
         let environments = scene.variants.len().max(1);
         let host_poses = scene.host_poses.clone();
+        let whole = Arc::clone(&scene);
+        let lenses = views.iter().map(|view| view.own_lens).collect();
         if host_poses.is_some() {
             check_driven(&config, views.iter().map(|view| &view.sensor))?;
         }
@@ -156,12 +173,19 @@ impl Simulator {
             }
             (_, None) => return Err(EngineError::NoDevice),
         };
-        Ok(Self { cameras, environments, config, source, host_poses })
+        Ok(Self { scene: whole, cameras, lenses, environments, config, source, host_poses })
     }
 
-    /// The rendered cameras, in view order.
+    /// The rendered cameras, in view order, as the first environment has them.
     pub fn cameras(&self) -> &[CameraInfo] {
         &self.cameras
+    }
+
+    /// The rendered cameras, with the lenses that `environment` has now; none where there is no such environment.
+    pub fn cameras_of(&self, environment: usize) -> Vec<CameraInfo> {
+        let count = self.cameras.len();
+        let own = self.lenses.iter().skip(environment.saturating_mul(count)).take(count);
+        own.zip(&self.cameras).map(|(lens, camera)| lens.info(&self.scene, &camera.name)).collect()
     }
 
     /// Environments rendered side by side.
@@ -271,8 +295,8 @@ impl Simulator {
         self.step_with(until_us, &HostStep { poses, ..HostStep::default() })
     }
 
-    /// As [`Simulator::step_with_poses`], where a host also shows and hides nodes or changes materials
-    /// ([`Scene::drive_with`]): all at once, just after the present, so that light jumps there; in the first step things were
+    /// As [`Simulator::step_with_poses`], where a host also shows and hides nodes or changes materials and lights
+    /// ([`Scene::leave_to_host`]): all at once, just after the present, so that light jumps there; in the first step things were
     /// never otherwise. What is seen at the present itself, labels included, is as it was.
     ///
     /// # Errors
@@ -332,21 +356,22 @@ impl Simulator {
         seeds: &[u64],
         poses: &[(usize, usize, HostPose)],
     ) -> Result<(), EngineError> {
-        self.reset_to(environments, seeds, &[], &HostJump { poses, ..HostJump::default() })
+        self.reset_to(environments, seeds, &[], &[], &HostJump { poses, ..HostJump::default() })
     }
 
-    /// As [`Simulator::reset`], where nodes and materials also are otherwise from now on, without any event, and cameras of these
-    /// environments have other sensors. What is frozen in a sensor keeps its draw where there is no other seed: a pixel whose
+    /// As [`Simulator::reset`], where nodes, materials and lights also are otherwise from now on, without any event, and cameras of
+    /// these environments have other sensors and lenses. What is frozen in a sensor keeps its draw where there is no other seed: a pixel whose
     /// threshold lies one sigma above the mean lies one new sigma above the new mean.
     ///
     /// # Errors
-    /// As [`Simulator::reset`] and [`Simulator::step_with`]; a sensor that cannot be, or that has other stages than the camera's.
-    /// Then nothing has changed.
+    /// As [`Simulator::reset`] and [`Simulator::step_with`]; a sensor that cannot be, or that has other stages than the camera's; a
+    /// lens that cannot be, and another one for a camera whose lens is distorted. Then nothing has changed.
     pub fn reset_to(
         &mut self,
         environments: &[usize],
         seeds: &[u64],
         sensors: &[EnvironmentSensor],
+        lenses: &[EnvironmentLens],
         jump: &HostJump<'_>,
     ) -> Result<(), EngineError> {
         for (place, environment) in environments.iter().enumerate() {
@@ -365,7 +390,7 @@ impl Simulator {
         self.source.check_reset()?;
         if let Some(environment) = jump.environments().find(|e| !environments.contains(e)) {
             let remedy = "only for environments that are reset; others change with step";
-            let what = if jump.poses.is_empty() { "visible or materials" } else { "poses" };
+            let what = if jump.poses.is_empty() { "visible, materials or lights" } else { "poses" };
             return Err(ConfigError::new(what, format!("for environment {environment}"), remedy).into());
         }
         let mut own = Vec::with_capacity(sensors.len());
@@ -385,6 +410,10 @@ impl Simulator {
             self.source.check_sensor(view, &sensor)?;
             own.push((view, sensor));
         }
+        let mut seen = Vec::with_capacity(lenses.len());
+        for lens in lenses {
+            seen.push(self.pixel_lens(environments, lens)?);
+        }
         if self.host_poses.is_some() {
             check_driven(&self.config, own.iter().map(|(_, sensor)| sensor))?;
         }
@@ -393,7 +422,49 @@ impl Simulator {
             None if jump.environments().next().is_none() => {}
             None => return Err(not_driven().into()),
         }
-        self.source.reset(environments, seeds, &own)
+        if let Some(host) = &self.host_poses {
+            for (lens, _) in lenses.iter().zip(&seen) {
+                host.set_lens(
+                    lens.environment,
+                    self.scene.camera(&self.cameras[lens.camera].name)?,
+                    lens.lens,
+                )?;
+            }
+        }
+        for (view, lens) in &seen {
+            self.lenses[*view] = *lens;
+        }
+        self.source.reset(environments, seeds, &own, &seen)
+    }
+
+    /// The view that `own` is for, and its lens in pixels.
+    fn pixel_lens(
+        &self,
+        environments: &[usize],
+        own: &EnvironmentLens,
+    ) -> Result<(usize, PixelLens), EngineError> {
+        let EnvironmentLens { environment, camera, lens } = *own;
+        if !environments.contains(&environment) {
+            let remedy = "only for environments that are reset";
+            return Err(ConfigError::new("lenses", format!("for environment {environment}"), remedy).into());
+        }
+        let Some(info) = self.cameras.get(camera) else {
+            let remedy = format!("for one of the {} cameras, counted from 0", self.cameras.len());
+            return Err(ConfigError::new("lenses", format!("for camera {camera}"), remedy).into());
+        };
+        let name = &info.name;
+        if info.distortion.is_some() {
+            let remedy = "for cameras without distortion: of others, samples are placed when the simulator is made; \
+                          give environments their own lenses in the scene";
+            return Err(ConfigError::new("lenses", format!("for '{name}'"), remedy).into());
+        }
+        evis_scene::builder::check_lens(&lens)?;
+        let of_scene = &self.scene.cameras[self.scene.camera(name)?];
+        let own = PixelLens::new(&Camera { lens, ..of_scene.clone() }, &self.config);
+        if !own.is_usable() {
+            return Err(SceneError::Rule(format!("camera '{name}' has no usable lens: {own:?}")).into());
+        }
+        Ok((environment * self.cameras.len() + camera, own))
     }
 
     /// What a host moves, where it moves anything.
@@ -443,8 +514,8 @@ impl Simulator {
 }
 
 fn not_driven() -> ConfigError {
-    let remedy = "not given: name the nodes that a host moves, and the materials that it changes, when the simulator is made";
-    ConfigError::new("poses, visible or materials", "given", remedy)
+    let remedy = "not given: name the nodes that a host moves, and the materials and lights that it changes, when the simulator is made";
+    ConfigError::new("poses, visible, materials or lights", "given", remedy)
 }
 
 /// Whether everything that `config` asks for can be had of poses that are known no further than a step's end.

@@ -7,7 +7,7 @@ pub mod upload;
 
 use std::ops::Range;
 
-use evis_scene::{LightKind, Scene, SceneState};
+use evis_scene::{LightFactors, LightKind, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
 use crate::frame::changes::{Change, Moment, StillWatch};
@@ -233,7 +233,8 @@ impl FrameData {
             let nodes = plan.nodes.iter().zip(&light_views);
             nodes.filter_map(|(&node, view)| Lamp::new(scene, state, node, view)).collect()
         });
-        Shared { lights, lamps, world, records, palettes, shadow_layer_base, rays }
+        let light_factors = state.lights.clone();
+        Shared { lights, light_factors, lamps, world, records, palettes, shadow_layer_base, rays }
     }
 
     #[expect(
@@ -273,6 +274,8 @@ impl FrameData {
 pub struct Shared {
     /// Every light.
     pub lights: Vec<LightRecord>,
+    /// Per light of the scene: what a host may change.
+    pub light_factors: Vec<LightFactors>,
     /// Of the lights that throw shadows.
     pub lamps: Vec<Lamp>,
     /// Per object: its pose.
@@ -437,7 +440,8 @@ fn light_record(
             [scale, -outer.cos() * scale, texel, 0.0]
         }
     };
-    let factor = l.intensity * state.light_factor[light];
+    let own = &state.lights[light];
+    let factor = own.shining() * state.light_factor[light];
     LightRecord {
         position_kind: [position.x as f32, position.y as f32, position.z as f32, kind],
         direction_range: [
@@ -447,9 +451,9 @@ fn light_record(
             l.range.filter(|r| *r > 0.0).map_or(0.0, |r| 1.0 / (r * r)),
         ],
         radiance_shadow: [
-            l.color[0] * factor,
-            l.color[1] * factor,
-            l.color[2] * factor,
+            own.color[0] * factor,
+            own.color[1] * factor,
+            own.color[2] * factor,
             shadow.map_or(-1.0, |(layer, _)| layer as f32),
         ],
         spot,

@@ -134,7 +134,9 @@ impl Imu {
         if !config.gravity.iter().all(|g| g.is_finite()) {
             return Err(ConfigError::new("gravity", format!("{:?}", config.gravity), "three finite numbers"));
         }
-        let key = Key::new(config.seed, config.environment as u32, config.node as u32);
+        let offset = scene.variants.get(config.environment).map_or(0, |variant| variant.seed_offset);
+        let seed = config.seed.wrapping_add(offset);
+        let key = Key::new(seed, config.environment as u32, config.node as u32);
         Ok(Self { config, grid, key, next: 0, bias: [DVec3::ZERO; 2], state: SceneState::default() })
     }
 

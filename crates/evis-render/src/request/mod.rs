@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 use evis_core::{ConfigError, LabelKind, SensorConfig, TriggerRule, Warp, WarpVariant};
 use evis_scene::camera_motion::{self, CameraMotionSettings};
-use evis_scene::{CameraMotion, Scene};
+use evis_scene::{CameraMotion, HostNames, Scene};
 
 pub use implausible::implausible;
 pub use sampling::SamplingRequest;
@@ -77,6 +77,8 @@ pub struct RunRequest {
     pub poses: Vec<String>,
     /// Names of the materials that a host changes, or of nodes whose own it changes.
     pub materials: Vec<String>,
+    /// Names of the lights that a host changes, or of nodes that carry them.
+    pub lights: Vec<String>,
     /// [`RunConfig::pose_step_us`].
     pub pose_step_us: Option<i64>,
 }
@@ -136,7 +138,7 @@ impl RunRequest {
             None => {}
         }
         config.check()?;
-        let Self { set, camera_motion, camera_speed, poses, materials, .. } = self;
+        let Self { set, camera_motion, camera_speed, poses, materials, lights, .. } = self;
         Ok(Settled {
             config,
             recorded,
@@ -147,6 +149,7 @@ impl RunRequest {
             camera_speed,
             poses,
             materials,
+            lights,
         })
     }
 
@@ -176,13 +179,13 @@ impl RunRequest {
 
     /// Whether a host moves or changes anything.
     fn is_driven(&self) -> bool {
-        !(self.poses.is_empty() && self.materials.is_empty())
+        !(self.poses.is_empty() && self.materials.is_empty() && self.lights.is_empty())
     }
 
     fn pose_step(&self) -> Result<Option<i64>, ConfigError> {
         match self.pose_step_us {
             Some(step_us) if !self.is_driven() => {
-                let remedy = "left out, or given with `poses` or `materials`: the names of what a host moves or changes";
+                let remedy = "left out, or given with `poses`, `materials` or `lights`: the names of what a host moves or changes";
                 Err(ConfigError::new("pose_step_us", step_us, remedy))
             }
             None if self.is_driven() => Ok(Some(USUAL_POSE_STEP_US)),
@@ -213,6 +216,7 @@ pub struct Settled {
     camera_speed: Option<f64>,
     poses: Vec<String>,
     materials: Vec<String>,
+    lights: Vec<String>,
 }
 
 impl Settled {
@@ -250,9 +254,10 @@ impl Settled {
     /// Names that do not exist, a motion that cannot be had.
     pub fn moved(&self, scene: &Arc<Scene>) -> Result<Arc<Scene>, EngineError> {
         let mut scene = Arc::clone(scene);
-        if !(self.poses.is_empty() && self.materials.is_empty()) {
+        let names = HostNames { nodes: &self.poses, materials: &self.materials, lights: &self.lights };
+        if !(self.poses.is_empty() && self.materials.is_empty() && self.lights.is_empty()) {
             let mut driven = Scene::clone(&scene);
-            driven.drive_with(&self.poses, &self.materials, self.config.start_us)?;
+            driven.leave_to_host(&names, self.config.start_us)?;
             scene = Arc::new(driven);
         }
         // One that was moved before stays so.

@@ -166,6 +166,10 @@ impl TileRateEstimator {
     fn need_of_lights(&self, view: &ViewMotion<'_>) -> f64 {
         let mut need: f64 = 0.0;
         for pair in view.shared.windows(2) {
+            if pair[0].light_factors != pair[1].light_factors {
+                // A host changed one, in a step.
+                return f64::INFINITY;
+            }
             for (a, b) in pair[0].lights.iter().zip(&pair[1].lights).filter(|(a, b)| a != b) {
                 need = need.max(light_change(a, b) / self.light_step()).max(f64::MIN_POSITIVE);
             }

@@ -1,7 +1,7 @@
 //! A pinhole lens in pixels: of what is rendered.
 
-use evis_core::CameraInfo;
-use evis_scene::{Camera, LensModel, PinholeLens};
+use evis_core::{CameraInfo, LensDistortion};
+use evis_scene::{Camera, LensModel, PinholeLens, Scene};
 use glam::{DMat4, DVec2, DVec3, DVec4};
 
 use crate::config::RunConfig;
@@ -32,6 +32,12 @@ impl PixelLens {
     /// How it projects.
     pub const fn pinhole(&self) -> PinholeLens {
         PinholeLens { focal: self.focal, center: self.center }
+    }
+
+    /// Whether something can be seen through it.
+    pub fn is_usable(&self) -> bool {
+        self.focal.iter().chain(&self.center).chain([&self.near]).all(|v| v.is_finite())
+            && self.focal.iter().chain([&self.near]).all(|&v| v > 0.0)
     }
 
     /// Reverse z, infinite far plane: z_ndc = near / distance.
@@ -89,8 +95,8 @@ impl PixelLens {
         point.with_z(point.z.min(-0.5 * self.near))
     }
 
-    /// What a recording says of the camera.
-    pub fn info(&self, name: &str) -> CameraInfo {
+    /// What a recording says of the camera `name` of `scene`, which has this lens.
+    pub fn info(&self, scene: &Scene, name: &str) -> CameraInfo {
         CameraInfo {
             name: name.to_owned(),
             width: self.width,
@@ -99,7 +105,10 @@ impl PixelLens {
             fy: self.focal[1],
             cx: self.center[0],
             cy: self.center[1],
-            distortion: None,
+            distortion: scene.distortions.get(name).map(|distortion| LensDistortion {
+                model: distortion.name().to_owned(),
+                coefficients: distortion.coefficients(),
+            }),
         }
     }
 }

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use evis_core::random::Key;
-use evis_core::{CameraInfo, ConfigError, LensDistortion, SensorConfig};
+use evis_core::{CameraInfo, ConfigError, SensorConfig};
 use evis_scene::Scene;
 
 use crate::config::{self, Method, RunConfig};
@@ -26,14 +26,16 @@ pub struct View {
     pub key: Key,
     /// Pixels and lens of what is rendered: of the picture without distortion, where the camera's lens is distorted.
     pub lens: PixelLens,
+    /// Pixels and lens of the camera itself, but for its distortion.
+    pub own_lens: PixelLens,
     /// The camera's own lens, where it is distorted.
     pub distorted: Option<Arc<Distorted>>,
 }
 
 impl View {
     /// Pixels per row, and rows, of the camera.
-    pub fn size(&self) -> (u32, u32) {
-        self.distorted.as_ref().map_or((self.lens.width, self.lens.height), |own| own.size.into())
+    pub const fn size(&self) -> (u32, u32) {
+        (self.own_lens.width, self.own_lens.height)
     }
 
     /// Whether it can share targets with `other`: of its size, and with its distorted lens where it has one.
@@ -65,53 +67,75 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
         scene.camera(name)?;
     }
     let mut infos = Vec::new();
-    let mut lenses = Vec::new();
     let mut sensors = Vec::new();
     for &index in &chosen {
         let camera = &scene.cameras[index];
-        let lens = PixelLens::new(camera, config);
-        let usable = lens.focal.iter().chain(&lens.center).all(|v| v.is_finite())
-            && lens.focal.iter().all(|&f| f > 0.0)
-            && lens.near.is_finite()
-            && lens.near > 0.0;
-        if !usable {
-            let text = format!("camera '{}' has no usable lens: {lens:?}", camera.name);
-            return Err(evis_scene::SceneError::Rule(text).into());
-        }
-        for (what, value) in [("width", lens.width), ("height", lens.height)] {
-            if !(1..=8192).contains(&value) {
-                return Err(evis_core::ConfigError::new(what, value, "between 1 and 8192 pixels").into());
-            }
-        }
-        let mut info = lens.info(&camera.name);
-        let distorted = distorted(scene, index, &lens, config.picture_density())?;
-        info.distortion = scene.distortions.get(&camera.name).map(|distortion| LensDistortion {
-            model: distortion.name().to_owned(),
-            coefficients: distortion.coefficients(),
-        });
-        infos.push(info);
-        lenses.push((distorted.as_ref().map_or(lens, |own| own.picture), distorted));
         let sensor = config.sensor_of(&camera.name).clone();
         let threshold_on = camera.threshold_on.unwrap_or(sensor.threshold_on);
         let threshold_off = camera.threshold_off.unwrap_or(sensor.threshold_off);
         let sensor = SensorConfig { threshold_on, threshold_off, ..sensor };
         sensors.push(config::checked(&camera.name, sensor)?);
     }
-    let mut views = Vec::new();
+    let mut views: Vec<View> = Vec::new();
     for environment in 0..scene.variants.len().max(1) {
         for (slot, &index) in chosen.iter().enumerate() {
+            let own = own_lens(scene, environment, index, config)?;
+            if environment == 0 {
+                infos.push(own.info(scene, &scene.cameras[index].name));
+            }
+            // Where a distorted lens is that of an environment before, what was prepared for it serves again.
+            let twin = |view: &&View| view.camera == slot && view.distorted.is_some() && view.own_lens == own;
+            let known = if scene.distortions.is_empty() { None } else { views.iter().find(twin) };
+            let distorted = match known {
+                Some(view) => view.distorted.clone(),
+                None => distorted(scene, environment, index, &own, config.picture_density())?,
+            };
             views.push(View {
                 environment,
                 camera: slot,
                 node: scene.cameras[index].node,
                 sensor: sensors[slot].clone(),
-                key: Key::new(config.seed, environment as u32, index as u32),
-                lens: lenses[slot].0,
-                distorted: lenses[slot].1.clone(),
+                key: key(scene, config.seed, environment, index),
+                lens: distorted.as_ref().map_or(own, |of| of.picture),
+                own_lens: own,
+                distorted,
             });
         }
     }
     Ok((views, infos))
+}
+
+/// The lens of camera `index` (of the scene) in `environment`, in pixels.
+///
+/// # Errors
+/// One through which nothing can be seen.
+pub fn own_lens(
+    scene: &Scene,
+    environment: usize,
+    index: usize,
+    config: &RunConfig,
+) -> Result<PixelLens, EngineError> {
+    let camera = scene.camera_in(scene.variants.get(environment), index, f64::INFINITY);
+    let Some(camera) = camera else {
+        return Err(evis_scene::SceneError::Rule(format!("there is no camera {index}")).into());
+    };
+    let lens = PixelLens::new(&camera, config);
+    if !lens.is_usable() {
+        let text = format!("camera '{}' has no usable lens: {lens:?}", camera.name);
+        return Err(evis_scene::SceneError::Rule(text).into());
+    }
+    for (what, value) in [("width", lens.width), ("height", lens.height)] {
+        if !(1..=8192).contains(&value) {
+            return Err(evis_core::ConfigError::new(what, value, "between 1 and 8192 pixels").into());
+        }
+    }
+    Ok(lens)
+}
+
+/// What is random in camera `camera` (of the scene) of `environment` follows from this, in a run with `seed`.
+fn key(scene: &Scene, seed: u64, environment: usize, camera: usize) -> Key {
+    let offset = scene.variants.get(environment).map_or(0, |variant| variant.seed_offset);
+    Key::new(seed.wrapping_add(offset), environment as u32, camera as u32)
 }
 
 /// Lets what is random in the views of `environments` follow from `seeds`, as for a simulator of this seed; none: it stays.
@@ -119,14 +143,15 @@ pub fn reseed(views: &mut [View], scene: &Scene, environments: &[usize], seeds: 
     for (index, seed) in environments.iter().zip(seeds) {
         for view in views.iter_mut().filter(|view| view.environment == *index) {
             let place = scene.cameras.iter().position(|camera| camera.node == view.node);
-            view.key = Key::new(*seed, *index as u32, place.unwrap_or(view.camera) as u32);
+            view.key = key(scene, *seed, *index, place.unwrap_or(view.camera));
         }
     }
 }
 
-/// Camera `index` of `scene`, whose pixels are those of `lens`, where its lens is distorted.
+/// Camera `index` of `scene` in `environment`, whose pixels are those of `lens`, where its lens is distorted.
 fn distorted(
     scene: &Scene,
+    environment: usize,
     index: usize,
     lens: &PixelLens,
     density: f64,
@@ -136,7 +161,8 @@ fn distorted(
         return Ok(None);
     }
     let size = [lens.width, lens.height];
-    let own = scene.calibrated_lens(index, lens.width, lens.height)?;
+    let variant = scene.variants.get(environment);
+    let own = scene.calibrated_lens_in(variant, index, lens.width, lens.height)?;
     Ok(Some(Arc::new(Distorted::new(&camera.name, own, size, camera.near, density)?)))
 }
 

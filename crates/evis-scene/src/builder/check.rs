@@ -146,24 +146,31 @@ pub(super) fn check_body(body: &RigidBody, moves: bool) -> Result<RigidBody, Sce
     Ok(body)
 }
 
-pub(crate) fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {
-    let check = || {
-        match camera.lens {
-            Lens::FieldOfView { fov_y } => {
-                let degrees = fov_y.to_degrees();
-                if !(0.01..=179.0).contains(&degrees) {
-                    return rule(format!(
-                        "fov_y_degrees is {degrees}; it takes degrees between 0.01 and 179"
-                    ));
-                }
-            }
-            Lens::Intrinsics { fx, fy, cx, cy } => {
-                positive("fx", fx, "pixels")?;
-                positive("fy", fy, "pixels")?;
-                finite("cx", cx)?;
-                finite("cy", cy)?;
+/// Whether a camera may have `lens`.
+///
+/// # Errors
+/// Names the number that is out of range.
+pub fn check_lens(lens: &Lens) -> Result<(), SceneError> {
+    match *lens {
+        Lens::FieldOfView { fov_y } => {
+            let degrees = fov_y.to_degrees();
+            if !(0.01..=179.0).contains(&degrees) {
+                return rule(format!("fov_y_degrees is {degrees}; it takes degrees between 0.01 and 179"));
             }
         }
+        Lens::Intrinsics { fx, fy, cx, cy } => {
+            positive("fx", fx, "pixels")?;
+            positive("fy", fy, "pixels")?;
+            finite("cx", cx)?;
+            finite("cy", cy)?;
+        }
+    }
+    Ok(())
+}
+
+pub(crate) fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {
+    let check = || {
+        check_lens(&camera.lens)?;
         if let Some(distortion) = &camera.distortion {
             distortion.check()?;
             if !matches!(camera.lens, Lens::Intrinsics { .. }) {

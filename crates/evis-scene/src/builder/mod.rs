@@ -41,6 +41,7 @@ use crate::rigid_body::Dynamics;
 
 pub use camera::EventCamera;
 pub(crate) use check::check_camera;
+pub use check::check_lens;
 use check::{
     check_body, check_light, check_material, check_primitive, check_trs, finite, finite_vector, in_object,
     not_negative, positive, rule, texture_references,
@@ -423,6 +424,16 @@ impl SceneBuilder {
         })
     }
 
+    /// Indices of the material that was added as `name`, and of what was made of it for flat shapes.
+    ///
+    /// # Errors
+    /// As [`SceneBuilder::find_material`].
+    pub fn find_materials(&self, name: &str) -> Result<Vec<usize>, SceneError> {
+        let both = both_sides(name);
+        let others = self.scene.materials.iter().enumerate().filter(|(_, m)| m.name == both);
+        Ok(std::iter::once(self.find_material(name)?).chain(others.map(|(index, _)| index)).collect())
+    }
+
     /// Whether a node was added as `name`.
     pub fn has_object(&self, name: &str) -> bool {
         self.named.iter().any(|(n, _)| n == name)
@@ -711,7 +722,8 @@ impl SceneBuilder {
     /// One more environment of the batch.
     ///
     /// # Errors
-    /// A time offset that is negative or not finite, a node that does not exist.
+    /// A time offset that is negative or not finite; nodes, materials, lights and cameras that do not exist, and values that these
+    /// cannot have.
     pub fn variant(&mut self, variant: Variant) -> Result<&mut Self, SceneError> {
         not_negative("time_offset_s", variant.time_offset_s, "seconds")?;
         for (node, offset) in &variant.node_offsets {
@@ -722,6 +734,7 @@ impl SceneBuilder {
                 return rule(format!("a variant's offset of node {node} is not finite"));
             }
         }
+        self.scene.check_variant(&variant)?;
         self.scene.variants.push(variant);
         Ok(self)
     }

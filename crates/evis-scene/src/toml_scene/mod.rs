@@ -19,6 +19,7 @@ use crate::builder::{
 };
 use crate::distortion::Distortion;
 use crate::error::SceneError;
+use crate::factors::{LightChange, MaterialChange};
 use crate::model::{
     AlphaMode, CameraSensor, Lens, Light, LightKind, Material, Scene, SensorKind, ShadingModel, TextureRef,
     Variant, Wrap,
@@ -418,15 +419,38 @@ fn camera(keys: &mut Keys<'_>) -> Result<(String, Add), SceneError> {
     Ok((camera.name.clone(), Box::new(move |scene, placement| scene.camera(camera, placement))))
 }
 
-/// `camera` with what the table says of it.
-fn lens_and_sensor(keys: &mut Keys<'_>, mut camera: EventCamera) -> Result<EventCamera, SceneError> {
-    camera.size = keys.pair("size")?;
+/// Index of the light `name`.
+fn light_named(scene: &Scene, name: &str) -> Result<usize, SceneError> {
+    let mut found = scene.lights.iter().enumerate().filter(|(_, light)| light.name == name);
+    match (found.next(), found.next()) {
+        (Some((index, _)), None) => Ok(index),
+        (Some(_), Some(_)) => Err(SceneError::Rule(format!("more than one light is named '{name}'"))),
+        (None, _) => Err(SceneError::Unknown {
+            what: "light",
+            name: name.into(),
+            known: scene.lights.iter().map(|light| light.name.clone()).collect(),
+        }),
+    }
+}
+
+/// What a table says of a material.
+fn material_change(table: &mut Keys<'_>) -> Result<MaterialChange, SceneError> {
+    Ok(MaterialChange {
+        base_color: table.color("color")?,
+        metallic: table.number("metallic")?.map(|v| v as f32),
+        emissive: table.color("emissive")?,
+        roughness: table.number("roughness")?.map(|v| v as f32),
+    })
+}
+
+/// The lens that a table gives to a camera of `size` pixels; `None` where it says nothing of one.
+fn lens(keys: &mut Keys<'_>, size: Option<[u32; 2]>) -> Result<Option<Lens>, SceneError> {
     let intrinsics = ["fx", "fy", "cx", "cy"];
     if intrinsics.iter().any(|key| keys.has(key)) {
         keys.at_most_one(&["fov_y_degrees", "fx"])?;
         let mut values = [0.0; 4];
         // Square pixels and a centred image are what most cameras have.
-        let centre = camera.size.map(|[w, h]| [f64::from(w) / 2.0, f64::from(h) / 2.0]);
+        let centre = size.map(|[w, h]| [f64::from(w) / 2.0, f64::from(h) / 2.0]);
         for (i, key) in intrinsics.into_iter().enumerate() {
             let default = match i {
                 1 => Some(values[0]),
@@ -437,10 +461,16 @@ fn lens_and_sensor(keys: &mut Keys<'_>, mut camera: EventCamera) -> Result<Event
             values[i] = keys.needs(key, value)?;
         }
         let [fx, fy, cx, cy] = values;
-        camera.lens = Lens::Intrinsics { fx, fy, cx, cy };
-    } else if let Some(degrees) = keys.number("fov_y_degrees")? {
-        camera = camera.fov_y_degrees(degrees);
+        return Ok(Some(Lens::Intrinsics { fx, fy, cx, cy }));
     }
+    let degrees = keys.number("fov_y_degrees")?;
+    Ok(degrees.map(|degrees| Lens::FieldOfView { fov_y: degrees.to_radians() }))
+}
+
+/// `camera` with what the table says of it.
+fn lens_and_sensor(keys: &mut Keys<'_>, mut camera: EventCamera) -> Result<EventCamera, SceneError> {
+    camera.size = keys.pair("size")?;
+    camera.lens = lens(keys, camera.size)?.unwrap_or(camera.lens);
     camera.distortion = distortion(keys)?;
     camera.near = keys.number_or("near", camera.near)?;
     camera.thresholds =
@@ -510,12 +540,48 @@ fn environment(mut keys: Keys<'_>, scene: &mut SceneBuilder) -> Result<(), Scene
         node_offsets.push((node, crate::builder::offset(&pose).map_err(|e| pose_keys.locate(e))?));
         pose_keys.finish()?;
     }
+    let mut same = Variant { node_offsets, ..Variant::default() };
+    for (name, mut table) in keys.named_tables("materials")? {
+        let change = material_change(&mut table)?;
+        for index in scene.find_materials(name).map_err(|e| table.locate(e))? {
+            let material = &scene.scene().materials[index];
+            if let Some((factor, seen)) = change.unseen(material.model) {
+                return Err(table.error(format!(
+                    "{factor} is not seen of the {} material '{name}'; change {seen}",
+                    material.model.name()
+                )));
+            }
+            let factors = material.factors().with(&change);
+            same = same.with_material(index, factors);
+        }
+        table.finish()?;
+    }
+    for (name, mut table) in keys.named_tables("lights")? {
+        let index = light_named(scene.scene(), name).map_err(|e| table.locate(e))?;
+        let change = LightChange {
+            color: table.color("color")?,
+            intensity: table.number("intensity")?.map(|v| v as f32),
+            on: table.flag("on")?,
+        };
+        let own = scene.scene().lights[index].factors().with(&change);
+        same = same.with_light(index, own);
+        table.finish()?;
+    }
+    for (name, mut table) in keys.named_tables("cameras")? {
+        let index = scene.scene().camera(name).map_err(|e| table.locate(e))?;
+        let camera = &scene.scene().cameras[index];
+        let size = camera.width.zip(camera.height).map(|(w, h)| [w, h]);
+        let Some(lens) = lens(&mut table, size)? else {
+            return Err(table.error("it has no lens; it takes fov_y_degrees, or fx, fy, cx, cy"));
+        };
+        same = same.with_lens(index, lens);
+        table.finish()?;
+    }
     for i in 0..count {
         let variant = Variant {
             seed_offset: seed_offset + i,
             time_offset_s: time_offset_s + i as f64 * time_step_s,
-            node_offsets: node_offsets.clone(),
-            ..Variant::default()
+            ..same.clone()
         };
         scene.variant(variant).map_err(|e| keys.locate(e))?;
         if scene.scene().variants.len() as u64 > MAX_ENVIRONMENTS {

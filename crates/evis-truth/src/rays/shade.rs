@@ -78,6 +78,7 @@ pub fn lamps(scene: &Scene, state: &SceneState) -> Vec<Lamp> {
         };
         let world = state.world_from_node.get(index).copied().unwrap_or(DMat4::IDENTITY);
         let factor = state.light_factor.get(number).copied().unwrap_or(1.0);
+        let own = state.lights.get(number).copied().unwrap_or_else(|| light.factors());
         let casts_shadow = light.casts_shadow && light.kind != LightKind::Point;
         let shadow_bit = if casts_shadow { next_bit } else { 0 };
         if casts_shadow {
@@ -98,7 +99,7 @@ pub fn lamps(scene: &Scene, state: &SceneState) -> Vec<Lamp> {
             position: world.w_axis.truncate(),
             // KHR_lights_punctual: along the node's -Z; the node's scale does not count.
             direction: world.transform_vector3(DVec3::NEG_Z).normalize_or(DVec3::NEG_Z),
-            strength: rgb(light.color) * f64::from(light.intensity) * f64::from(factor),
+            strength: rgb(own.color) * f64::from(own.shining()) * f64::from(factor),
             range: light.range.map(f64::from).filter(|r| *r > 0.0),
             casts_shadow,
             shadow_bit,

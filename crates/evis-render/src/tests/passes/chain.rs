@@ -61,13 +61,15 @@ struct Ran {
 }
 
 fn view(index: usize, sensor: &SensorConfig) -> View {
+    let lens = PixelLens { width: WIDTH, height: HEIGHT, focal: [50.0; 2], center: [30.0; 2], near: 0.1 };
     View {
         environment: index,
         camera: 0,
         node: 0,
         sensor: sensor.clone(),
         key: Key::new(SEED, index as u32, 0),
-        lens: PixelLens { width: WIDTH, height: HEIGHT, focal: [50.0; 2], center: [30.0; 2], near: 0.1 },
+        lens,
+        own_lens: lens,
         distorted: None,
     }
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use evis_core::sensor::{Exposure, Noise, Readout, SensorConfig};
 use evis_core::{Event, LabelFrame, LabelKind, TriggerRule, Warp};
-use evis_scene::{Distortion, Scene, Variant};
+use evis_scene::{Camera, Distortion, Lens, Light, LightFactors, Material, MaterialFactors, Scene, Variant};
 
 use crate::config::{Antialias, Interpolation, Method, RunConfig, Shadows};
 use crate::engine::Engine;
@@ -152,10 +152,37 @@ fn cases() -> Vec<Case> {
     cases
 }
 
-/// The scene of `case` in environments with these clocks.
+/// The scene of `case` in environments with these clocks; one that is ahead has other lenses, lights and materials, too.
 fn environments(case: &Case, clocks_s: &[f64]) -> Arc<Scene> {
-    let variants = clocks_s.iter().map(|&time_offset_s| Variant { time_offset_s, ..Variant::default() });
-    Arc::new(Scene { variants: variants.collect(), ..case.scene.clone() })
+    let mut scene = case.scene.clone();
+    scene.materials.iter_mut().for_each(|material| material.driven = true);
+    let variant = |&time_offset_s: &f64| {
+        let own = Variant { time_offset_s, ..Variant::default() };
+        if time_offset_s == 0.0 { own } else { otherwise(&scene, own) }
+    };
+    scene.variants = clocks_s.iter().map(variant).collect();
+    Arc::new(scene)
+}
+
+/// `variant` with longer lenses, dimmer lights and darker materials than `scene` has.
+pub(super) fn otherwise(scene: &Scene, variant: Variant) -> Variant {
+    let lens = |camera: &Camera| match camera.lens {
+        Lens::FieldOfView { fov_y } => Lens::FieldOfView { fov_y: 0.8 * fov_y },
+        Lens::Intrinsics { fx, fy, cx, cy } => {
+            Lens::Intrinsics { fx: 1.3 * fx, fy: 1.2 * fy, cx: cx + 2.0, cy }
+        }
+    };
+    let light = |light: &Light| LightFactors { intensity: 0.6 * light.intensity, ..light.factors() };
+    let material = |material: &Material| {
+        let own = material.factors();
+        MaterialFactors { base_color: own.base_color.map(|c| 0.7 * c), ..own }
+    };
+    let materials = scene.materials.iter().map(material).enumerate();
+    let variant = materials.fold(variant, |variant, (index, own)| variant.with_material(index, own));
+    let lights = scene.lights.iter().map(light).enumerate();
+    let variant = lights.fold(variant, |variant, (index, own)| variant.with_light(index, own));
+    let lenses = scene.cameras.iter().map(lens).enumerate();
+    lenses.fold(variant, |variant, (index, own)| variant.with_lens(index, own))
 }
 
 fn simulator(gpu: &Gpu, case: &Case, clocks_s: &[f64]) -> Simulator {

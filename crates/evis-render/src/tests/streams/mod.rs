@@ -6,6 +6,7 @@ mod bytes;
 mod chain;
 mod decoupled;
 mod distorted;
+mod environments;
 mod frames;
 mod gather;
 mod host_walk;
