@@ -17,6 +17,7 @@ use glam::{DMat2, DMat3, DMat4, DVec2, DVec3};
 use crate::Error;
 use crate::blocks::{Block, Clock};
 use crate::coverage::{Moments, Polygon, Polygons};
+use crate::facets::{Facet, wide};
 use crate::fragment::{Line, Sight};
 use crate::hash::Words;
 use crate::keyframe::{Footprint, Keyframe, MOST_PLANES};
@@ -27,7 +28,7 @@ use crate::pages::{Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::{Cells, Textures};
 use crate::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
-use crate::world::{Facet, Frame, World, wide};
+use crate::world::{Frame, World};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
@@ -502,7 +503,7 @@ impl<'a> Lighting<'a> {
     fn find_far_sides(&mut self, surface: usize) {
         let s = &self.world.surfaces[surface];
         let facets = self.world.clusters[s.clusters.clone()].iter().flat_map(|c| c.facets.clone());
-        if !s.closed || s.masked {
+        if !s.closed {
             return;
         }
         let Some(frames) = &self.frames else { return };
@@ -568,8 +569,7 @@ impl<'a> Lighting<'a> {
                 return;
             }
             let (touches, darkens) = crate::shadow::on_cell(corners(id), cell, place, weight);
-            // What has holes darkens nothing for sure.
-            dark |= darkens && !self.world.surfaces[self.world.facets[id as usize].surface as usize].masked;
+            dark |= darkens;
             if touches {
                 facets.push(id);
             }
@@ -1046,7 +1046,7 @@ impl<'a> Lighting<'a> {
     /// none.
     fn tangent_frame(
         &self,
-        facet: &crate::world::Facet,
+        facet: &Facet,
         [s, t]: [f64; 2],
         end: usize,
         normal: DVec3,
@@ -1484,7 +1484,7 @@ fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4], fac
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coverage::area;
+    use crate::contour::area;
     use crate::lists::Lists;
 
     #[test]

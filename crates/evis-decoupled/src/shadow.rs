@@ -7,7 +7,8 @@
 
 use glam::{DVec3, Vec4};
 
-use crate::coverage::{Corners, Cutter, PIXEL, Polygons, area};
+use crate::contour::area;
+use crate::coverage::{Corners, Cutter, PIXEL, Polygons};
 use crate::fragment::Line;
 use crate::lists::powers;
 use crate::mask;
