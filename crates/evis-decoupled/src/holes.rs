@@ -7,8 +7,10 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use evis_scene::{AlphaMode, Image, Material, MorphTarget, Primitive, Scene, Texture, Wrap};
-use glam::{DMat2, DVec2};
+use evis_scene::{
+    AlphaMode, Image, Material, MorphTarget, Primitive, Scene, SceneState, Texture, Variant, Wrap,
+};
+use glam::{DMat2, DMat4, DVec2, DVec3};
 use i_overlay::core::fill_rule::FillRule;
 use i_overlay::core::overlay_rule::OverlayRule;
 use i_overlay::float::single::SingleFloatOverlay;
@@ -16,16 +18,20 @@ use i_triangle::float::triangulatable::Triangulatable;
 
 use crate::Error;
 use crate::contour::{Grid, Ring, area, simplified};
-use crate::facets::{Facet, facets};
+use crate::facets::{Facet, facets, wide};
 use crate::hash::Words;
 use crate::maps::texels;
 use crate::texture::wrap_index;
 
-/// How far a hole's border may lie from the contour, in texels.
-const TOLERANCE: f64 = 0.01;
+/// How far a hole's border may lie from the contour, in pixels of the camera that comes nearest, and in texels.
+const TOLERANCE_PX: f64 = 0.03;
+const TOLERANCE: [f64; 2] = [0.01, 1.0];
 /// Between texels contours bend: they are sampled at up to so many places per texel along an axis, and up to so many per image.
 const MOST_FINER: u32 = 8;
 const MOST_PLACES: u32 = 2048;
+/// Times at which is seen how near cameras come, and over how many seconds in scenes without an end.
+const TIMES: u32 = 5;
+const SECONDS: f64 = 1.0;
 /// Holes and specks of less than this many texels are left out.
 const LEAST_AREA: f64 = 0.02;
 /// Corners that a scene's outlines have at most, and triangles.
@@ -42,14 +48,15 @@ pub struct Holes {
 }
 
 impl Holes {
-    /// Those of `scene`.
+    /// Those of `scene`, whose cameras have `size` pixels or their own; as fine as these see them.
     ///
     /// # Errors
     /// Holes that cannot be cut out.
-    pub fn of(scene: &Scene) -> Result<Arc<Self>, Error> {
+    pub fn of(scene: &Scene, size: Option<(u32, u32)>) -> Result<Arc<Self>, Error> {
         let mut holes = Self::default();
         let mut outlines = Outlines::default();
         let mut pieces = 0;
+        let mut viewpoints = None;
         for (index, mesh) in scene.meshes.iter().enumerate() {
             let nodes = || scene.nodes.iter().filter(|node| node.mesh == Some(index));
             if nodes().next().is_none() {
@@ -66,7 +73,9 @@ impl Holes {
                     return refuse("holes (alpha mask) in a mesh with a skeleton");
                 }
                 let room = MOST_PIECES - pieces;
-                match cut(scene, primitive, material, f64::from(cutoff), &mut outlines, room) {
+                let viewpoints = viewpoints.get_or_insert_with(|| Viewpoints::new(scene, size));
+                let per_metre = viewpoints.pixels_per_metre(scene, index, primitive);
+                match cut(scene, primitive, material, (f64::from(cutoff), per_metre), &mut outlines, room) {
                     Ok(own) => {
                         pieces += own.indices.len() / 3;
                         holes.cut.insert((index, number), own);
@@ -81,6 +90,57 @@ impl Holes {
     /// Primitive `number` of mesh `mesh`, without its holes.
     pub fn primitive<'p>(&'p self, scene: &'p Scene, mesh: usize, number: usize) -> &'p Primitive {
         self.cut.get(&(mesh, number)).unwrap_or_else(|| &scene.meshes[mesh].primitives[number])
+    }
+}
+
+/// Where cameras and nodes are at some times, in all environments.
+struct Viewpoints {
+    /// Poses of nodes, and cameras: places, pixels per metre at a metre's distance, and near planes.
+    moments: Vec<(Vec<DMat4>, Vec<(DVec3, f64, f64)>)>,
+}
+
+impl Viewpoints {
+    fn new(scene: &Scene, size: Option<(u32, u32)>) -> Self {
+        let variants: Vec<Option<&Variant>> =
+            if scene.variants.is_empty() { vec![None] } else { scene.variants.iter().map(Some).collect() };
+        let end_s = scene.duration_s.unwrap_or(SECONDS);
+        let mut moments = Vec::new();
+        let mut state = SceneState::default();
+        for variant in variants {
+            for k in 0..TIMES {
+                scene.evaluate_variant(variant, end_s * f64::from(k) / f64::from(TIMES - 1), &mut state);
+                let cameras = (0..scene.cameras.len()).filter_map(|index| {
+                    let camera = scene.camera_in(variant, index, f64::INFINITY)?;
+                    let (focal, _) = camera.intrinsics(camera.pixels(size));
+                    let eye = state.world_from_node.get(camera.node)?.w_axis.truncate();
+                    Some((eye, focal[0].max(focal[1]), camera.near))
+                });
+                let cameras = cameras.collect();
+                moments.push((state.world_from_node.clone(), cameras));
+            }
+        }
+        Self { moments }
+    }
+
+    /// The most pixels that a metre of `primitive`, which is of mesh `mesh`, has.
+    fn pixels_per_metre(&self, scene: &Scene, mesh: usize, primitive: &Primitive) -> f64 {
+        let points = || primitive.positions.iter().map(|p| wide(*p));
+        let (low, high) =
+            (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
+        let nodes = || scene.nodes.iter().enumerate().filter(|(_, node)| node.mesh == Some(mesh));
+        let mut most = 0.0_f64;
+        for (poses, cameras) in &self.moments {
+            for pose in nodes().filter_map(|(index, _)| poses.get(index)) {
+                let scale = pose.determinant().abs().cbrt();
+                let inverse = pose.inverse();
+                for (eye, focal, near) in cameras {
+                    let own = inverse.transform_point3(*eye);
+                    let distance = scale * own.distance(own.clamp(low, high));
+                    most = most.max(scale * focal / distance.max(*near));
+                }
+            }
+        }
+        if most.is_finite() { most } else { 0.0 }
     }
 }
 
@@ -105,28 +165,37 @@ struct Outline {
     periods: [Option<f64>; 2],
 }
 
-/// Outlines by texture, level and reach.
+/// Outlines by texture; and level, reach and tolerance.
 #[derive(Default)]
 struct Outlines {
-    known: HashMap<(usize, u64, u64), Outline, Words>,
+    known: HashMap<(usize, [u64; 3]), Outline, Words>,
     corners: usize,
 }
 
 impl Outlines {
-    /// That of `texture`, number `number` of the scene; what is clamped is wanted `reach` texels beyond its borders.
-    fn of(&mut self, number: usize, texture: &Texture, image: &Image, level: f64, reach: f64) -> &Outline {
+    /// That of `texture`, number `number` of the scene, to `tolerance` texels; what is clamped is wanted `reach` texels beyond its
+    /// borders.
+    fn of(
+        &mut self,
+        (number, texture, image): (usize, &Texture, &Image),
+        level: f64,
+        reach: f64,
+        tolerance: f64,
+    ) -> &Outline {
         let clamped = [texture.wrap_u, texture.wrap_v].contains(&Wrap::Clamp);
         let reach = if clamped { reach.max(1.0).log2().ceil().exp2() } else { 0.0 };
         self.known
-            .entry((number, level.to_bits(), reach.to_bits()))
-            .or_insert_with(|| Outline::new(texture, image, level, reach))
+            .entry((number, [level, reach, tolerance].map(f64::to_bits)))
+            .or_insert_with(|| Outline::new(texture, image, level, reach, tolerance))
     }
 }
 
 impl Outline {
-    fn new(texture: &Texture, image: &Image, level: f64, reach: f64) -> Self {
+    fn new(texture: &Texture, image: &Image, level: f64, reach: f64, tolerance: f64) -> Self {
         let size = [image.width, image.height];
-        let finer = (MOST_PLACES / size[0].max(size[1])).clamp(1, MOST_FINER) as usize;
+        // A chord of a cell is off by some tenth of it.
+        let wanted = (4.0 * TOLERANCE_PX / tolerance).ceil() as u32;
+        let finer = wanted.min(MOST_PLACES / size[0].max(size[1])).clamp(1, MOST_FINER) as usize;
         let wraps = [texture.wrap_u, texture.wrap_v];
         // From the middle of the first texel on.
         let axis = |k: usize| -> (Vec<f64>, Option<f64>) {
@@ -169,7 +238,7 @@ impl Outline {
         let ends = [[across[0], across[last[0]]], [down[0], down[last[1]]]];
         let on_border = |p: [f64; 2]| (0..2).any(|k| ends[k].contains(&p[k]));
         let rings = Grid { lines: [across.clone(), down.clone()], value: &value }.rings(level);
-        let rings = rings.iter().map(|ring| simplified(ring, TOLERANCE, &on_border));
+        let rings = rings.iter().map(|ring| simplified(ring, tolerance, &on_border));
         let whole = rings.filter(|ring| ring.len() >= 3).map(|ring| {
             let bounds = bounds(&ring);
             (ring, bounds)
@@ -205,12 +274,13 @@ impl Outline {
     }
 }
 
-/// `primitive` where its alpha reaches `cutoff`, in at most `room` triangles; what is wrong where that cannot be.
+/// `primitive` where its alpha reaches `cutoff`, in at most `room` triangles; what is wrong where that cannot be. A metre of it
+/// has up to `per_metre` pixels.
 fn cut(
     scene: &Scene,
     primitive: &Primitive,
     material: &Material,
-    cutoff: f64,
+    (cutoff, per_metre): (f64, f64),
     outlines: &mut Outlines,
     room: usize,
 ) -> Result<Primitive, &'static str> {
@@ -233,6 +303,12 @@ fn cut(
     let finite = |p: &Placed| p.outline.iter().flatten().all(|v| v.abs() < 1e7);
     let reach = facets.iter().filter_map(placed).filter(finite);
     let reach = reach.flat_map(|p| p.outline).flatten().fold(0.0, |m: f64, v| m.max(v.abs()));
+    // Facets with equal detail share outlines.
+    let metres = facets.iter().map(|facet| area_of(primitive, facet)).sum::<f64>();
+    let texels =
+        facets.iter().filter_map(placed).map(|own| area(&own.outline).abs()).filter(|a| a.is_finite());
+    let per_texel = per_metre * (metres / texels.sum::<f64>().max(1e-12)).sqrt();
+    let tolerance = (TOLERANCE_PX / per_texel).clamp(TOLERANCE[0], TOLERANCE[1]).log2().floor().exp2();
     for facet in &facets {
         let alphas = facet.corners.map(|c| {
             let colors = primitive.colors.as_ref().and_then(|colors| colors.get(c as usize));
@@ -256,7 +332,7 @@ fn cut(
         if !level.is_finite() || !finite(&own) {
             continue;
         }
-        let outline = outlines.of(map.texture, texture, image, level, reach);
+        let outline = outlines.of((map.texture, texture, image), level, reach, tolerance);
         if own.along.determinant().abs() < 1e-9 {
             // All of it shows one place of the texture, or a line of it.
             let middle = own.outline.iter().fold(DVec2::ZERO, |sum, p| sum + DVec2::from_array(*p));
@@ -289,6 +365,12 @@ fn cut(
         }
     }
     Ok(out.cut)
+}
+
+/// Area of a facet in square metres.
+fn area_of(primitive: &Primitive, facet: &Facet) -> f64 {
+    let [a, b, c, d] = facet.corners.map(|c| wide(primitive.positions[c as usize]));
+    0.5 * (c - a).cross(d - b).length()
 }
 
 /// Whether `p` lies within an odd number of `rings`.

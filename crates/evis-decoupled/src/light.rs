@@ -125,13 +125,6 @@ struct Shadowed {
     facets: Box<[u32]>,
 }
 
-/// A surface that moves: facets within spheres that hold them throughout the block.
-struct Mover {
-    centre: DVec3,
-    radius: f64,
-    facets: Vec<(DVec3, f64, u32)>,
-}
-
 /// Light of a scene.
 pub struct Lighting<'a> {
     world: &'a World<'a>,
@@ -162,7 +155,8 @@ pub struct Lighting<'a> {
     screen_lamps: Vec<ScreenLamp>,
     /// Facets of still surfaces.
     still: Tree,
-    moving: Vec<Mover>,
+    /// Facets of surfaces that move, within spheres that hold them throughout the block.
+    moving: Tree,
     /// Per facet, bits of lamps from which a solid's facet faces away: what it darkens, those that face the lamp darken.
     far: Vec<u8>,
     /// Per lamp of `own` and facet, made when they are first needed; of what is still.
@@ -365,7 +359,7 @@ impl<'a> Lighting<'a> {
             shaded: Default::default(),
             screen_lamps: Vec::new(),
             still: Tree::default(),
-            moving: Vec::new(),
+            moving: Tree::default(),
             far: vec![0; world.facets.len()],
             dark_spaces: Default::default(),
             occluders: Vec::new(),
@@ -450,7 +444,7 @@ impl<'a> Lighting<'a> {
                     let p = f.corners.map(|c| self.corners[surface][0][c as usize].0);
                     let low = p.into_iter().fold(DVec3::INFINITY, DVec3::min);
                     let high = p.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max);
-                    (low, high, index as u32)
+                    (0.5 * (low + high), 0.5 * (high - low).length(), index as u32)
                 })
             });
             self.still = Tree::new(still);
@@ -459,13 +453,14 @@ impl<'a> Lighting<'a> {
             }
             self.middle = vec![Corners::new(); world.surfaces.len()];
         }
-        self.moving.clear();
+        self.moving = Tree::default();
         if !shadows {
             return Ok(());
         }
         self.occluders.clear();
         self.occluders.resize_with(world.facets.len(), OnceLock::new);
         let lamps_move = self.own.iter().any(|k| self.lamps[0][*k].moves);
+        let mut moving = Vec::new();
         for (index, surface) in world.surfaces.iter().enumerate() {
             if first || lamps_move || surface.moves {
                 self.find_far_sides(index);
@@ -475,7 +470,6 @@ impl<'a> Lighting<'a> {
             }
             self.middle[index] = world.vertices(index as u32, &frames[1]);
             let places = [&self.corners[index][0], &self.middle[index], &self.corners[index][1]];
-            let mut facets = Vec::new();
             for cluster in &world.clusters[surface.clusters.clone()] {
                 for facet in cluster.facets.clone() {
                     let points = world.facets[facet].corners.map(|c| places.map(|p| p[c as usize].0));
@@ -484,18 +478,12 @@ impl<'a> Lighting<'a> {
                     let high = all().fold(DVec3::NEG_INFINITY, |a, p| a.max(*p));
                     // An arc between the three places bulges by less than a quarter of its chord.
                     let travel = points.iter().map(|p| p[0].distance(p[2])).fold(0.0, f64::max);
-                    facets.push((
-                        0.5 * (low + high),
-                        0.5 * (high - low).length() + 0.25 * travel,
-                        facet as u32,
-                    ));
+                    let radius = 0.5 * (high - low).length() + 0.25 * travel;
+                    moving.push((0.5 * (low + high), radius, facet as u32));
                 }
             }
-            let count = facets.len().max(1) as f64;
-            let centre = facets.iter().map(|f| f.0).sum::<DVec3>() / count;
-            let radius = facets.iter().map(|f| f.0.distance(centre) + f.1).fold(0.0, f64::max);
-            self.moving.push(Mover { centre, radius, facets });
         }
+        self.moving = Tree::new(moving.into_iter());
         Ok(())
     }
 
@@ -575,7 +563,7 @@ impl<'a> Lighting<'a> {
             }
         };
         match Beam::new(place, weight, middle, radius) {
-            Some(beam) => self.still.within(&beam, &mut add),
+            Some(beam) => self.still.within(|c, r| beam.meets(c, r), &mut add),
             None => self.still.all(&mut add),
         }
         facets.sort_unstable();
@@ -641,9 +629,7 @@ impl<'a> Lighting<'a> {
                         beam.as_ref().is_none_or(|b| b.meets(centre, radius))
                             && hull.as_ref().is_none_or(|h| h.meets_sphere(centre, radius))
                     };
-                    for mover in self.moving.iter().filter(|m| meets(m.centre, m.radius)) {
-                        tile.found.extend(mover.facets.iter().filter(|f| meets(f.0, f.1)).map(|f| f.2));
-                    }
+                    self.moving.within(meets, |id| tile.found.push(id));
                 }
                 Casters::Still => match (&hull, &beam) {
                     (Some(hull), _) => tile.found.retain(|id| {
@@ -653,7 +639,9 @@ impl<'a> Lighting<'a> {
                             && self.dark_space(*id, number).meets(cell)
                     }),
                     (None, _) if resting => {}
-                    (None, Some(beam)) => self.still.within(beam, |id| tile.found.push(id)),
+                    (None, Some(beam)) => {
+                        self.still.within(|c, r| beam.meets(c, r), |id| tile.found.push(id))
+                    }
                     (None, None) => self.still.all(|id| tile.found.push(id)),
                 },
             }

@@ -34,7 +34,7 @@ pub fn unsupported(scene: &Scene) -> Option<String> {
     if hz > MOST_HZ {
         return Some(format!("motion at {hz:.0} Hz ({MOST_HZ} Hz at most)"));
     }
-    match Holes::of(scene) {
+    match Holes::of(scene, None) {
         Err(Error::Unsupported(what)) => Some(what),
         _ => None,
     }

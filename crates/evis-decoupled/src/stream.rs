@@ -255,7 +255,7 @@ fn follow(
 ) -> Result<(), Error> {
     let start_us = settings.start_us;
     let most_us: Vec<i64> = (0..views.len()).map(|view| settings.of(views, view).most_us()).collect();
-    let holes = Holes::of(scene)?;
+    let holes = Holes::of(scene, settings.size)?;
     let worlds: Vec<World> = views
         .iter()
         .map(|v| {

@@ -101,7 +101,7 @@ impl<'a> World<'a> {
     /// # Errors
     /// A camera that does not exist, or whose lens, size or pose cannot be used.
     pub fn new(scene: &'a Scene, camera: usize, size: Option<(u32, u32)>) -> Result<Self, Error> {
-        Self::of_variant(scene, None, camera, size, &Holes::of(scene)?)
+        Self::of_variant(scene, None, camera, size, &Holes::of(scene, size)?)
     }
 
     /// As [`World::new`], in one of the scene's environments; `holes` are of the scene.

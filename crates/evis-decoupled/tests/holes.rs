@@ -134,7 +134,7 @@ fn what_has_holes_fires_as_rays_say() {
 
 #[test]
 fn what_is_whole_stays_and_what_is_transparent_goes() {
-    let triangles = |scene: &Scene| Holes::of(scene).unwrap().primitive(scene, 0, 0).indices.len() / 3;
+    let triangles = |scene: &Scene| Holes::of(scene, None).unwrap().primitive(scene, 0, 0).indices.len() / 3;
     let filled = |alpha: f32| {
         let mut scene = scene(WRAPS[1], 0.6, 0.5);
         scene.images[0].texels.iter_mut().for_each(|texel| texel[3] = f16::from_f32(alpha));
@@ -163,7 +163,7 @@ fn what_is_whole_stays_and_what_is_transparent_goes() {
 #[test]
 fn holes_beyond_number_are_refused() {
     let scene = scene(WRAPS[0], 1e4, 0.5);
-    let error = Holes::of(&scene).unwrap_err().to_string();
+    let error = Holes::of(&scene, None).unwrap_err().to_string();
     assert!(error.contains("leaves") && error.contains("holes"), "{error}");
     assert!(evis_decoupled::unsupported(&scene).is_some());
 }
