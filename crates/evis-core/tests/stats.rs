@@ -126,14 +126,8 @@ fn a_calibration_finds_the_noise_that_was_put_in() {
 #[test]
 fn a_recovery_of_shot_noise_is_found_again() {
     let (size, end_us) = ((160, 120), 4_000_000);
-    let noise = Noise {
-        shot_hz: 1.5,
-        shot_spread_decades: 0.2,
-        shot_recovery_us: 250_000.0,
-        hot_share: 1e-3,
-        hot_hz: 100.0,
-        ..Noise::default()
-    };
+    let noise =
+        Noise { shot_hz: 1.5, shot_spread_decades: 0.2, shot_recovery_us: 250_000.0, ..Noise::default() };
     let truth = SensorConfig { noise, ..SensorConfig::default() };
     let events = static_scene(&truth, size, end_us, 0.18, 11).unwrap();
     let made = calibrate(&events, size, (0, end_us), &SensorConfig::default(), 0).unwrap();
