@@ -125,7 +125,7 @@ mod tests {
         let told = describe(&anyhow::Error::new(exists));
         assert_eq!(told, "a.h5 exists already; choose another name, or allow overwriting (--force)");
         let scene = evis_scene::SceneError::Rule("`start` is no key of a camera".into());
-        assert_eq!(describe(&EngineError::Scene(scene).into()), "`start` is no key of a camera");
+        assert_eq!(describe(&EngineError::Scene(scene).into()), "scene: `start` is no key of a camera");
     }
 
     #[test]

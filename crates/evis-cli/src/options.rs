@@ -88,12 +88,12 @@ mod tests {
         let mut command = crate::args::help::command("evis-rs");
         command.build();
         let run = command.find_subcommand("run").unwrap();
-        let known: Vec<_> = run.get_opts().filter_map(|arg| arg.get_long()).collect();
+        let known: Vec<_> = run.get_arguments().filter_map(|arg| arg.get_long()).collect();
         for (field, flag) in FLAGS {
             assert!(known.contains(&flag.trim_start_matches('-')), "{field}: {flag}");
         }
         assert!(!known.contains(&"rate-hz"), "canary");
-        let subs = command.get_subcommands().flat_map(|sub| sub.get_opts());
+        let subs = command.get_subcommands().flat_map(|sub| sub.get_arguments());
         let all: Vec<_> = subs.filter_map(|arg| arg.get_long()).collect();
         for (field, flag) in FILE_FLAGS {
             assert!(all.contains(&flag.trim_start_matches('-')), "{field}: {flag}");

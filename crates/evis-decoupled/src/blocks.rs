@@ -436,7 +436,7 @@ mod tests {
                         if h.z < world.lens.near {
                             continue;
                         }
-                        let [a, b, c] = span.places.of(i as u32, crate::world::wide(primitive.positions[i]));
+                        let [a, b, c] = span.places.of(i as u32, crate::facets::wide(primitive.positions[i]));
                         let (l0, l1, l2) =
                             ((1.0 - v) * (1.0 - 2.0 * v), 4.0 * v * (1.0 - v), v * (2.0 * v - 1.0));
                         let q = a * l0 + b * l1 + c * l2;

@@ -91,18 +91,6 @@ fn cut(corners: &Corners, line: &Line, inside: &mut Polygon, outside: &mut Polyg
     }
 }
 
-/// Area of a polygon.
-#[inline(always)]
-pub fn area(corners: &Corners) -> f64 {
-    let Some(&last) = corners.last() else { return 0.0 };
-    let (mut area, mut a) = (0.0, last);
-    for &b in corners {
-        area += a[0] * b[1] - b[0] * a[1];
-        a = b;
-    }
-    0.5 * area
-}
-
 /// Area and moments of a polygon.
 #[inline(always)]
 pub fn moments(corners: &Corners) -> Moments {

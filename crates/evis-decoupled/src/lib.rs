@@ -1,18 +1,22 @@
 //! Decoupled sampling: which surfaces a pixel sees is found from geometry in continuous time, how bright they are from
 //! light that lives on the surfaces, and each pixel is evaluated at its own times. Pure Rust, no GPU.
 //!
-//! Modules read earlier ones only: [`world`] flattens a scene; [`tiles`] says what a tile of pixels sees of it; [`blocks`] cuts time and bounds motion; [`lists`] says
-//! what tiles and pixels may see; [`coverage`] how much of a pixel each facet covers at a time; [`texture`], [`light`]
-//! and [`shadow`] what it sends; [`path`] follows a pixel's light; [`events`] crosses thresholds; `knots` gives a tile's light to sensors with
-//! more stages than these: `sensing` tile by tile, `frames` as pictures.
+//! Modules read earlier ones only: [`holes`] cuts holes out of masked surfaces; [`world`] flattens a scene; [`tiles`] says
+//! what a tile of pixels sees of it; [`blocks`] cuts time and bounds motion; [`lists`] says what tiles and pixels may see;
+//! [`coverage`] how much of a pixel each facet covers at a time; [`texture`], [`light`] and [`shadow`] what it sends;
+//! [`path`] follows a pixel's light; [`events`] crosses thresholds; `knots` gives a tile's light to sensors with more
+//! stages than these: `sensing` tile by tile, `frames` as pictures.
 
 pub mod blocks;
+mod contour;
 pub mod coverage;
 pub mod environment;
 pub mod events;
+pub mod facets;
 pub mod fragment;
 mod frames;
 mod hash;
+pub mod holes;
 pub mod keyframe;
 mod knots;
 pub mod lens;

@@ -17,6 +17,7 @@ use glam::{DMat2, DMat3, DMat4, DVec2, DVec3};
 use crate::Error;
 use crate::blocks::{Block, Clock};
 use crate::coverage::{Moments, Polygon, Polygons};
+use crate::facets::{Facet, wide};
 use crate::fragment::{Line, Sight};
 use crate::hash::Words;
 use crate::keyframe::{Footprint, Keyframe, MOST_PLANES};
@@ -27,7 +28,7 @@ use crate::pages::{Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::{Cells, Textures};
 use crate::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
-use crate::world::{Facet, Frame, World, wide};
+use crate::world::{Frame, World};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
@@ -124,13 +125,6 @@ struct Shadowed {
     facets: Box<[u32]>,
 }
 
-/// A surface that moves: facets within spheres that hold them throughout the block.
-struct Mover {
-    centre: DVec3,
-    radius: f64,
-    facets: Vec<(DVec3, f64, u32)>,
-}
-
 /// Light of a scene.
 pub struct Lighting<'a> {
     world: &'a World<'a>,
@@ -161,7 +155,8 @@ pub struct Lighting<'a> {
     screen_lamps: Vec<ScreenLamp>,
     /// Facets of still surfaces.
     still: Tree,
-    moving: Vec<Mover>,
+    /// Facets of surfaces that move, within spheres that hold them throughout the block.
+    moving: Tree,
     /// Per facet, bits of lamps from which a solid's facet faces away: what it darkens, those that face the lamp darken.
     far: Vec<u8>,
     /// Per lamp of `own` and facet, made when they are first needed; of what is still.
@@ -364,7 +359,7 @@ impl<'a> Lighting<'a> {
             shaded: Default::default(),
             screen_lamps: Vec::new(),
             still: Tree::default(),
-            moving: Vec::new(),
+            moving: Tree::default(),
             far: vec![0; world.facets.len()],
             dark_spaces: Default::default(),
             occluders: Vec::new(),
@@ -449,7 +444,7 @@ impl<'a> Lighting<'a> {
                     let p = f.corners.map(|c| self.corners[surface][0][c as usize].0);
                     let low = p.into_iter().fold(DVec3::INFINITY, DVec3::min);
                     let high = p.into_iter().fold(DVec3::NEG_INFINITY, DVec3::max);
-                    (low, high, index as u32)
+                    (0.5 * (low + high), 0.5 * (high - low).length(), index as u32)
                 })
             });
             self.still = Tree::new(still);
@@ -458,13 +453,14 @@ impl<'a> Lighting<'a> {
             }
             self.middle = vec![Corners::new(); world.surfaces.len()];
         }
-        self.moving.clear();
+        self.moving = Tree::default();
         if !shadows {
             return Ok(());
         }
         self.occluders.clear();
         self.occluders.resize_with(world.facets.len(), OnceLock::new);
         let lamps_move = self.own.iter().any(|k| self.lamps[0][*k].moves);
+        let mut moving = Vec::new();
         for (index, surface) in world.surfaces.iter().enumerate() {
             if first || lamps_move || surface.moves {
                 self.find_far_sides(index);
@@ -474,7 +470,6 @@ impl<'a> Lighting<'a> {
             }
             self.middle[index] = world.vertices(index as u32, &frames[1]);
             let places = [&self.corners[index][0], &self.middle[index], &self.corners[index][1]];
-            let mut facets = Vec::new();
             for cluster in &world.clusters[surface.clusters.clone()] {
                 for facet in cluster.facets.clone() {
                     let points = world.facets[facet].corners.map(|c| places.map(|p| p[c as usize].0));
@@ -483,18 +478,12 @@ impl<'a> Lighting<'a> {
                     let high = all().fold(DVec3::NEG_INFINITY, |a, p| a.max(*p));
                     // An arc between the three places bulges by less than a quarter of its chord.
                     let travel = points.iter().map(|p| p[0].distance(p[2])).fold(0.0, f64::max);
-                    facets.push((
-                        0.5 * (low + high),
-                        0.5 * (high - low).length() + 0.25 * travel,
-                        facet as u32,
-                    ));
+                    let radius = 0.5 * (high - low).length() + 0.25 * travel;
+                    moving.push((0.5 * (low + high), radius, facet as u32));
                 }
             }
-            let count = facets.len().max(1) as f64;
-            let centre = facets.iter().map(|f| f.0).sum::<DVec3>() / count;
-            let radius = facets.iter().map(|f| f.0.distance(centre) + f.1).fold(0.0, f64::max);
-            self.moving.push(Mover { centre, radius, facets });
         }
+        self.moving = Tree::new(moving.into_iter());
         Ok(())
     }
 
@@ -502,7 +491,7 @@ impl<'a> Lighting<'a> {
     fn find_far_sides(&mut self, surface: usize) {
         let s = &self.world.surfaces[surface];
         let facets = self.world.clusters[s.clusters.clone()].iter().flat_map(|c| c.facets.clone());
-        if !s.closed || s.masked {
+        if !s.closed {
             return;
         }
         let Some(frames) = &self.frames else { return };
@@ -568,14 +557,13 @@ impl<'a> Lighting<'a> {
                 return;
             }
             let (touches, darkens) = crate::shadow::on_cell(corners(id), cell, place, weight);
-            // What has holes darkens nothing for sure.
-            dark |= darkens && !self.world.surfaces[self.world.facets[id as usize].surface as usize].masked;
+            dark |= darkens;
             if touches {
                 facets.push(id);
             }
         };
         match Beam::new(place, weight, middle, radius) {
-            Some(beam) => self.still.within(&beam, &mut add),
+            Some(beam) => self.still.within(|c, r| beam.meets(c, r), &mut add),
             None => self.still.all(&mut add),
         }
         facets.sort_unstable();
@@ -641,9 +629,7 @@ impl<'a> Lighting<'a> {
                         beam.as_ref().is_none_or(|b| b.meets(centre, radius))
                             && hull.as_ref().is_none_or(|h| h.meets_sphere(centre, radius))
                     };
-                    for mover in self.moving.iter().filter(|m| meets(m.centre, m.radius)) {
-                        tile.found.extend(mover.facets.iter().filter(|f| meets(f.0, f.1)).map(|f| f.2));
-                    }
+                    self.moving.within(meets, |id| tile.found.push(id));
                 }
                 Casters::Still => match (&hull, &beam) {
                     (Some(hull), _) => tile.found.retain(|id| {
@@ -653,7 +639,9 @@ impl<'a> Lighting<'a> {
                             && self.dark_space(*id, number).meets(cell)
                     }),
                     (None, _) if resting => {}
-                    (None, Some(beam)) => self.still.within(beam, |id| tile.found.push(id)),
+                    (None, Some(beam)) => {
+                        self.still.within(|c, r| beam.meets(c, r), |id| tile.found.push(id))
+                    }
                     (None, None) => self.still.all(|id| tile.found.push(id)),
                 },
             }
@@ -1046,7 +1034,7 @@ impl<'a> Lighting<'a> {
     /// none.
     fn tangent_frame(
         &self,
-        facet: &crate::world::Facet,
+        facet: &Facet,
         [s, t]: [f64; 2],
         end: usize,
         normal: DVec3,
@@ -1484,7 +1472,7 @@ fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4], fac
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::coverage::area;
+    use crate::contour::area;
     use crate::lists::Lists;
 
     #[test]

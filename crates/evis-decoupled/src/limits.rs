@@ -1,7 +1,9 @@
 //! What a scene has that this method cannot show.
 
-use evis_scene::{AlphaMode, Material, Scene};
+use evis_scene::{Material, Scene};
 
+use crate::Error;
+use crate::holes::Holes;
 use crate::light::MOST_OWN;
 use crate::world::fastest_hz;
 
@@ -32,16 +34,16 @@ pub fn unsupported(scene: &Scene) -> Option<String> {
     if hz > MOST_HZ {
         return Some(format!("motion at {hz:.0} Hz ({MOST_HZ} Hz at most)"));
     }
-    None
+    match Holes::of(scene, None) {
+        Err(Error::Unsupported(what)) => Some(what),
+        _ => None,
+    }
 }
 
 fn of_material(scene: &Scene, material: &Material) -> Option<&'static str> {
     let nearest = |texture: &Option<evis_scene::TextureRef>| {
         texture.as_ref().and_then(|t| scene.textures.get(t.texture)).is_some_and(|t| t.nearest)
     };
-    if matches!(material.alpha, AlphaMode::Mask(_)) {
-        return Some("holes (alpha mask)");
-    }
     if nearest(&material.base_color_texture) {
         return Some("a texture without interpolation");
     }
@@ -50,6 +52,8 @@ fn of_material(scene: &Scene, material: &Material) -> Option<&'static str> {
 
 #[cfg(test)]
 mod tests {
+    use evis_scene::AlphaMode;
+
     use super::*;
 
     #[test]
@@ -63,6 +67,10 @@ mod tests {
         let material = scene.meshes[drawn].primitives[0].material;
         let mut masked = scene.clone();
         masked.materials[material].alpha = AlphaMode::Mask(0.5);
+        assert_eq!(unsupported(&masked), None);
+        let primitive = &mut masked.meshes[drawn].primitives[0];
+        let alpha = |k: usize| [1.0, 1.0, 1.0, if k == 0 { 0.4 } else { 1.0 }];
+        primitive.colors = Some((0..primitive.positions.len()).map(alpha).collect());
         assert!(unsupported(&masked).unwrap().contains("holes"));
         let mut lit = scene;
         let lamp = lit.lights[0].clone();

@@ -10,8 +10,9 @@ use rayon::prelude::*;
 
 use crate::Error;
 use crate::blocks::{Clock, Span, corners};
+use crate::facets::{CORNERS, wide};
 use crate::tiles::{LensTiles, TILE, TileView};
-use crate::world::{CORNERS, World, wide};
+use crate::world::World;
 
 /// Part of the depth by which a surface must lie behind a plane to be hidden by it.
 const COPLANAR: f64 = 1e-9;
@@ -31,8 +32,6 @@ pub struct Record {
     pub one_side: bool,
     /// Both sides are drawn.
     pub double_sided: bool,
-    /// It has holes.
-    pub masked: bool,
     /// Its pose mirrors: the outside is where corners run clockwise.
     pub mirrored: bool,
     /// Bernstein coefficients of its edge functions, inside above 0; meaningless where it does not show one side.
@@ -219,7 +218,6 @@ fn of_cluster(world: &World, surface: usize, cluster: usize, spans: &[Span], mir
             {
                 record.facet = facet as u32;
                 record.u = span.u;
-                record.masked = s.masked;
                 out.push((facet, index, record));
             }
         }
@@ -286,7 +284,6 @@ impl Record {
             crosses_near,
             one_side,
             double_sided,
-            masked: false,
             mirrored,
             edges,
             inverse_depth,
@@ -324,7 +321,7 @@ impl Record {
         let half = 0.5 * TILE as f64;
         let middle = DVec3::new(left + half, top + half, 1.0);
         let mut covers = u64::MAX;
-        if !self.one_side || self.crosses_near || self.masked || !self.whole_block() {
+        if !self.one_side || self.crosses_near || !self.whole_block() {
             covers = 0;
         }
         if self.one_side {

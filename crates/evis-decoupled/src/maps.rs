@@ -64,6 +64,17 @@ pub struct Map {
     pub along: DMat2,
 }
 
+/// Where vertices lie on a texture of `size` texels, in texels; `None` where the primitive has no coordinates for it.
+pub fn texels(primitive: &Primitive, corners: [u32; 4], map: &TextureRef, size: DVec2) -> Option<[DVec2; 4]> {
+    let uvs = primitive.uvs.get(map.uv_set as usize).and_then(Option::as_ref)?;
+    // KHR_texture_transform.
+    let [m0, m1, m2, m3, m4, m5] = map.transform.map(f64::from);
+    Some(corners.map(|corner| {
+        let [u, v] = uvs.get(corner as usize).copied().unwrap_or_default().map(f64::from);
+        DVec2::new(m0 * u + m1 * v + m2, m3 * u + m4 * v + m5) * size
+    }))
+}
+
 impl Map {
     /// `texture` on the facet of `primitive` with these corners; `None` where it has no coordinates or no texels.
     pub fn new(
@@ -72,15 +83,8 @@ impl Map {
         corners: [u32; 4],
         texture: TextureRef,
     ) -> Option<Self> {
-        let uvs = primitive.uvs.get(texture.uv_set as usize).and_then(Option::as_ref)?;
         let size = DVec2::from_array(textures.size(texture.texture)?);
-        // KHR_texture_transform.
-        let [m0, m1, m2, m3, m4, m5] = texture.transform.map(f64::from);
-        let place = |corner: u32| {
-            let [u, v] = uvs.get(corner as usize).copied().unwrap_or_default().map(f64::from);
-            DVec2::new(m0 * u + m1 * v + m2, m3 * u + m4 * v + m5) * size
-        };
-        let [a, b, _, d] = corners.map(place);
+        let [a, b, _, d] = texels(primitive, corners, &texture, size)?;
         Some(Self { texture: texture.texture, origin: a, along: DMat2::from_cols(b - a, d - a) })
     }
 

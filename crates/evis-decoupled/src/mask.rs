@@ -162,7 +162,7 @@ mod tests {
         let (mut squares, mut worst, mut canary) = (0.0, 0.0_f64, 0.0);
         for i in 0..2000 {
             let l = line(i, 1.2 * ((f64::from(i) * 0.618_034).fract() - 0.5));
-            let area = crate::coverage::area(crate::coverage::Polygon::within([&l]).corners());
+            let area = crate::contour::area(crate::coverage::Polygon::within([&l]).corners());
             let error = f64::from(of_line(&l).count_ones()) / SAMPLES as f64 - area;
             squares += error * error / 2000.0;
             worst = worst.max(error.abs());

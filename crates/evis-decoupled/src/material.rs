@@ -14,7 +14,8 @@ use evis_scene::{LightKind, Scene, ShadingModel};
 use glam::{DQuat, DVec3};
 
 use crate::environment::Surroundings;
-use crate::world::{Frame, wide};
+use crate::facets::wide;
+use crate::world::Frame;
 
 /// Rec. ITU-R BT.709-6, item 3.2.
 pub const LUMINANCE: DVec3 = DVec3::from_array(LUMINANCE_WEIGHTS);

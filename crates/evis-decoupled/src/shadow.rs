@@ -7,7 +7,8 @@
 
 use glam::{DVec3, Vec4};
 
-use crate::coverage::{Corners, Cutter, PIXEL, Polygons, area};
+use crate::contour::area;
+use crate::coverage::{Corners, Cutter, PIXEL, Polygons};
 use crate::fragment::Line;
 use crate::lists::powers;
 use crate::mask;
@@ -539,12 +540,9 @@ struct Node {
 }
 
 impl Tree {
-    /// Over items of (low, high, id).
-    pub fn new(items: impl Iterator<Item = (DVec3, DVec3, u32)>) -> Self {
-        let mut items: Vec<(DVec3, f64, u32)> = items
-            .map(|(low, high, id)| (0.5 * (low + high), 0.5 * (high - low).length(), id))
-            .filter(|(c, r, _)| c.is_finite() && r.is_finite())
-            .collect();
+    /// Over items of (centre, radius, id).
+    pub fn new(items: impl Iterator<Item = (DVec3, f64, u32)>) -> Self {
+        let mut items: Vec<_> = items.filter(|(c, r, _)| c.is_finite() && r.is_finite()).collect();
         let mut tree = Self::default();
         if !items.is_empty() {
             let count = items.len();
@@ -584,18 +582,23 @@ impl Tree {
         self.items.iter().for_each(|(.., id)| visit(*id));
     }
 
-    /// Calls `visit` with each item that reaches into `beam`.
-    pub fn within(&self, beam: &Beam, mut visit: impl FnMut(u32)) {
+    /// Whether it has no items.
+    pub fn is_empty(&self) -> bool {
+        self.items.is_empty()
+    }
+
+    /// Calls `visit` with each item that `meets`, which holds for every sphere around one for which it holds.
+    pub fn within(&self, meets: impl Fn(DVec3, f64) -> bool, mut visit: impl FnMut(u32)) {
         let mut stack = vec![0_u32];
         while let Some(index) = stack.pop() {
             let Some(node) = self.nodes.get(index as usize) else { return };
-            if !beam.meets(node.centre, node.radius) {
+            if !meets(node.centre, node.radius) {
                 continue;
             }
             if node.count > 0 {
                 let from = node.start as usize;
                 for (centre, radius, id) in &self.items[from..from + node.count as usize] {
-                    if beam.meets(*centre, *radius) {
+                    if meets(*centre, *radius) {
                         visit(*id);
                     }
                 }

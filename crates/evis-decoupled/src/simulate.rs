@@ -16,6 +16,7 @@ use crate::Error;
 use crate::blocks::{Block, Blocks, Clock, blocks};
 use crate::events::Thresholds;
 use crate::frames::{FrameSensor, Taken, block_us};
+use crate::holes::Holes;
 use crate::knots::{TileLuminance, TileSignal};
 use crate::light::{Lighting, Shared};
 use crate::lists::{Entry, Lists};
@@ -480,7 +481,8 @@ pub fn luminance_of(
     t_us: f64,
 ) -> Result<Vec<f64>, Error> {
     settings.check()?;
-    let world = World::of_variant(scene, variant, settings.camera, settings.size)?;
+    let world =
+        World::of_variant(scene, variant, settings.camera, settings.size, &Holes::of(scene, settings.size)?)?;
     let mut lighting = Lighting::new(&world, &Shared::new(scene));
     let length_us = world.block_us(settings.block_us);
     let length = length_us as f64;

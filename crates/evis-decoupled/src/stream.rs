@@ -11,6 +11,7 @@ use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
 use crate::blocks::Blocks;
+use crate::holes::Holes;
 use crate::light::{Lighting, Shared};
 use crate::simulate::{Pixels, Report, Settings, picture, reference_luminance};
 use crate::world::World;
@@ -254,10 +255,12 @@ fn follow(
 ) -> Result<(), Error> {
     let start_us = settings.start_us;
     let most_us: Vec<i64> = (0..views.len()).map(|view| settings.of(views, view).most_us()).collect();
+    let holes = Holes::of(scene, settings.size)?;
     let worlds: Vec<World> = views
         .iter()
         .map(|v| {
-            World::of_variant(scene, v.variant.and_then(|i| scene.variants.get(i)), v.camera, settings.size)
+            let variant = v.variant.and_then(|i| scene.variants.get(i));
+            World::of_variant(scene, variant, v.camera, settings.size, &holes)
         })
         .collect::<Result<_, _>>()?;
     let shared = Shared::new(scene);

@@ -519,7 +519,8 @@ impl Level {
 
 /// Texel `index` brought into [0, size).
 #[inline(always)]
-fn wrap_index(index: i32, size: i32, wrap: Wrap) -> usize {
+/// The texel that is read for number `index` of a line of `size`.
+pub fn wrap_index(index: i32, size: i32, wrap: Wrap) -> usize {
     if index >= 0 && index < size {
         return index as usize;
     }

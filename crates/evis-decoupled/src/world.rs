@@ -5,11 +5,13 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use evis_scene::motion::Path;
-use evis_scene::{AlphaMode, Motion, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
+use evis_scene::{Motion, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
+use crate::facets::{Facet, facets, wide};
 use crate::hash::Words;
+use crate::holes::Holes;
 use crate::lens::PixelLens;
 use crate::tiles::{LensTiles, TileView};
 
@@ -19,19 +21,6 @@ const CLUSTER: usize = 64;
 const MOST_PERIODS: f64 = 0.125;
 /// The shortest block in microseconds.
 pub const LEAST_BLOCK_US: i64 = 64;
-/// Vertices of a facet; a triangle repeats its last one.
-pub const CORNERS: usize = 4;
-
-/// A convex planar polygon on which positions and vertex attributes are affine.
-///
-/// Its parametrisation (s, t) is 0 at corner 0, (1, 0) at corner 1 and (0, 1) at corner 3.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Facet {
-    /// Indices into the primitive's vertices, counter-clockwise from the front; a triangle repeats its last one.
-    pub corners: [u32; CORNERS],
-    /// Index into [`World::surfaces`].
-    pub surface: u32,
-}
 
 /// A primitive of a node.
 #[derive(Clone, Debug)]
@@ -50,8 +39,6 @@ pub struct Surface {
     pub moves: bool,
     /// Both sides are drawn.
     pub double_sided: bool,
-    /// Holes are cut by alpha.
-    pub masked: bool,
     /// It has an inside: each edge has another that runs against it.
     pub closed: bool,
     /// Its clusters in [`World::clusters`].
@@ -83,6 +70,8 @@ pub struct World<'a> {
     pub tiles: Option<Arc<LensTiles>>,
     /// As it was asked for.
     size: Option<(u32, u32)>,
+    /// Of its masked primitives, what is left.
+    holes: Arc<Holes>,
     /// Primitives of nodes, in node order.
     pub surfaces: Vec<Surface>,
     /// Groups of facets, in surface order.
@@ -112,10 +101,10 @@ impl<'a> World<'a> {
     /// # Errors
     /// A camera that does not exist, or whose lens, size or pose cannot be used.
     pub fn new(scene: &'a Scene, camera: usize, size: Option<(u32, u32)>) -> Result<Self, Error> {
-        Self::of_variant(scene, None, camera, size)
+        Self::of_variant(scene, None, camera, size, &Holes::of(scene, size)?)
     }
 
-    /// As [`World::new`], in one of the scene's environments.
+    /// As [`World::new`], in one of the scene's environments; `holes` are of the scene.
     ///
     /// # Errors
     /// As [`World::new`].
@@ -124,6 +113,7 @@ impl<'a> World<'a> {
         variant: Option<&'a Variant>,
         camera: usize,
         size: Option<(u32, u32)>,
+        holes: &Arc<Holes>,
     ) -> Result<Self, Error> {
         let lens = PixelLens::new(scene, variant, camera, size, f64::INFINITY)?;
         let moving_nodes = moving_nodes(scene);
@@ -135,6 +125,7 @@ impl<'a> World<'a> {
             lens,
             tiles,
             size,
+            holes: Arc::clone(holes),
             surfaces: Vec::new(),
             clusters: Vec::new(),
             facets: Vec::new(),
@@ -144,8 +135,8 @@ impl<'a> World<'a> {
             let Some((mesh_index, mesh)) = node.mesh.and_then(|m| Some((m, scene.meshes.get(m)?))) else {
                 continue;
             };
-            for (primitive_index, primitive) in mesh.primitives.iter().enumerate() {
-                world.add(index, mesh_index, primitive_index, primitive);
+            for number in 0..mesh.primitives.len() {
+                world.add(index, mesh_index, number, holes.primitive(scene, mesh_index, number));
             }
         }
         world.frame(0.0)?;
@@ -174,7 +165,6 @@ impl<'a> World<'a> {
             deforms,
             moves: self.moving_nodes[node],
             double_sided: material.double_sided,
-            masked: matches!(material.alpha, AlphaMode::Mask(_)),
             closed: is_closed(primitive),
             clusters: first_cluster..self.clusters.len(),
             bounds: bounds(primitive.positions.iter().map(|p| wide(*p))),
@@ -193,9 +183,9 @@ impl<'a> World<'a> {
     }
 
     /// The primitive of surface `surface`.
-    pub fn primitive(&self, surface: u32) -> &'a Primitive {
+    pub fn primitive(&self, surface: u32) -> &Primitive {
         let s = &self.surfaces[surface as usize];
-        &self.scene.meshes[s.mesh].primitives[s.primitive]
+        self.holes.primitive(self.scene, s.mesh, s.primitive)
     }
 
     /// The scene at `t_us` microseconds of its own time.
@@ -314,91 +304,8 @@ pub fn normal_under(matrix: &DMat4, normal: DVec3) -> DVec3 {
     (carried * sign).normalize_or(DVec3::Z)
 }
 
-/// In f64.
-pub fn wide(v: [f32; 3]) -> DVec3 {
-    DVec3::from_array(v.map(f64::from))
-}
-
 fn bounds(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
     points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
-}
-
-/// The triangles of `primitive`; two that share an edge are one facet where `merge` allows it and nothing tells them
-/// apart: one plane, a convex outline, and attributes that one affine map gives.
-fn facets(primitive: &Primitive, surface: u32, merge: bool) -> Vec<Facet> {
-    let count = primitive.positions.len();
-    let triangles: Vec<[u32; 3]> = (primitive.indices.as_chunks::<3>().0.iter().copied())
-        .filter(|corners| corners.iter().all(|c| (*c as usize) < count))
-        .collect();
-    let mut by_edge: HashMap<[u32; 2], usize, Words> = HashMap::default();
-    if merge {
-        for (index, t) in triangles.iter().enumerate() {
-            for k in 0..3 {
-                by_edge.entry([t[k], t[(k + 1) % 3]]).or_insert(index);
-            }
-        }
-    }
-    let mut used = vec![false; triangles.len()];
-    let mut out = Vec::with_capacity(triangles.len());
-    for (index, t) in triangles.iter().enumerate() {
-        if std::mem::replace(&mut used[index], true) {
-            continue;
-        }
-        let quad = (0..3).filter(|_| merge).find_map(|k| {
-            let (a, b) = (t[(k + 1) % 3], t[(k + 2) % 3]);
-            let other = *by_edge.get(&[b, a])?;
-            let fourth = *triangles[other].iter().find(|c| **c != a && **c != b)?;
-            let corners = [t[k], a, fourth, b];
-            (!used[other] && one_polygon(primitive, corners)).then_some((corners, other))
-        });
-        let corners = match quad {
-            Some((corners, other)) => {
-                used[other] = true;
-                corners
-            }
-            None => [t[0], t[1], t[2], t[2]],
-        };
-        out.push(Facet { corners, surface });
-    }
-    out
-}
-
-/// Whether positions at `corners` make a convex planar polygon with affine attributes.
-fn one_polygon(primitive: &Primitive, corners: [u32; 4]) -> bool {
-    let p = corners.map(|c| wide(primitive.positions[c as usize]));
-    let (along, across, diagonal) = (p[1] - p[0], p[3] - p[0], p[2] - p[0]);
-    let normal = along.cross(across);
-    let area = normal.length_squared();
-    if area <= 0.0 || normal.dot(diagonal).abs() > 1e-6 * normal.length() * diagonal.length() {
-        return false;
-    }
-    let convex = (0..4).all(|k| {
-        let (a, b, c) = (p[k], p[(k + 1) % 4], p[(k + 2) % 4]);
-        (b - a).cross(c - b).dot(normal) > 1e-6 * area
-    });
-    let s = diagonal.cross(across).dot(normal) / area;
-    let t = along.cross(diagonal).dot(normal) / area;
-    let affine = |v: [f64; 4]| {
-        let predicted = v[0] + s * (v[1] - v[0]) + t * (v[3] - v[0]);
-        (predicted - v[2]).abs() <= 1e-4 * (1.0 + v[2].abs()).min(10.0)
-    };
-    let index = corners.map(|c| c as usize);
-    let normals =
-        (0..3).all(|k| affine(index.map(|i| primitive.normals.get(i).map_or(0.0, |n| f64::from(n[k])))));
-    let uvs = primitive
-        .uvs
-        .iter()
-        .flatten()
-        .all(|uv| (0..2).all(|k| affine(index.map(|i| uv.get(i).map_or(0.0, |v| f64::from(v[k]))))));
-    let colors = primitive
-        .colors
-        .iter()
-        .all(|c| (0..4).all(|k| affine(index.map(|i| c.get(i).map_or(1.0, |v| f64::from(v[k]))))));
-    let tangents = primitive
-        .tangents
-        .iter()
-        .all(|t| (0..4).all(|k| affine(index.map(|i| t.get(i).map_or(0.0, |v| f64::from(v[k]))))));
-    convex && normals && uvs && colors && tangents
 }
 
 /// Whether each directed edge, by the positions of its ends, has one against it.

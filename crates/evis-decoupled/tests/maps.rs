@@ -3,30 +3,24 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use evis_core::metric::{ScoreSettings, score};
-use evis_decoupled::world::World;
 use evis_decoupled::{Settings, luminance, simulate};
 use evis_scene::environment::Environment;
 use evis_scene::motion::{Path, WaveShape, Waveform};
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    Camera, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, SceneState, ShadingModel,
-    Texture, TextureRef, Trs, Wrap,
+    Camera, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, ShadingModel, Texture,
+    TextureRef, Trs, Wrap,
 };
-use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
-use evis_truth::{Lattice, PixelChoice, TruthSettings, truth};
+use evis_truth::{PixelChoice, TruthSettings, truth};
 use glam::{DQuat, DVec3};
 use half::f16;
 
+mod common;
+
+use common::{exact, noise, off};
+
 const SIZE: (u32, u32) = (32, 24);
 const TEXELS: u32 = 48;
-
-/// Numbers in [0, 1) by place.
-fn noise(channel: u32, x: u32, y: u32) -> f32 {
-    let v = (x.wrapping_mul(747_796_405) ^ y.wrapping_mul(2_891_336_453) ^ channel.wrapping_mul(277_803_737))
-        .wrapping_mul(0x9e37_79b9);
-    let v = ((v >> ((v >> 28) + 4)) ^ v).wrapping_mul(277_803_737);
-    ((v >> 22) ^ v) as f32 / u32::MAX as f32
-}
 
 /// A ball and a card, mapped all over, that turn and move under a lamp with a shadow, a second lamp and a studio.
 fn scene(model: ShadingModel, waveform: Option<Waveform>) -> Scene {
@@ -122,37 +116,6 @@ fn scene(model: ShadingModel, waveform: Option<Waveform>) -> Scene {
     scene
 }
 
-/// By many rays per pixel.
-fn exact(scene: &Scene, t_us: f64) -> Vec<f64> {
-    let textures = Textures::new(scene);
-    let mut state = SceneState::default();
-    scene.evaluate(t_us * 1e-6, &mut state);
-    let options = Options { filter: TextureFilter::BaseLevel, shadows: true, split_sum: SplitSum::Tabulated };
-    let caster = RayCaster::new(scene, &state, &textures, options);
-    let lens = World::new(scene, 0, Some(SIZE)).unwrap().lens;
-    let pinhole = Pinhole {
-        world_from_camera: scene.world_from_camera(0, &state).unwrap(),
-        focal: lens.focal,
-        center: lens.center,
-        width: SIZE.0 as usize,
-        height: SIZE.1 as usize,
-        near: lens.near,
-    };
-    let offsets = Lattice::Second.offsets(1);
-    let pixel = |i: u32| {
-        let middle = [f64::from(i % SIZE.0) + 0.5, f64::from(i / SIZE.0) + 0.5];
-        let light = |o: &[f64; 2]| caster.look(&pinhole, [middle[0] + o[0], middle[1] + o[1]]).0;
-        offsets.iter().map(light).sum::<f64>() / offsets.len() as f64
-    };
-    (0..SIZE.0 * SIZE.1).map(pixel).collect()
-}
-
-/// Root mean square of what ln of one is off by.
-fn off(found: &[f64], exact: &[f64]) -> f64 {
-    let squares = found.iter().zip(exact).map(|(f, e)| (f + 1e-3).ln() - (e + 1e-3).ln()).map(|v| v * v);
-    (squares.sum::<f64>() / found.len() as f64).sqrt()
-}
-
 #[test]
 fn light_of_mapped_surfaces_is_that_of_rays() {
     let sine = Waveform { shape: WaveShape::Sine, frequency_hz: 30.0, phase: 0.1, low: 0.2, high: 1.0 };
@@ -165,7 +128,7 @@ fn light_of_mapped_surfaces_is_that_of_rays() {
         let settings = Settings { size: Some(SIZE), ..Settings::default() };
         for part in [0.0, 0.5] {
             let t_us = 32_768.0 * (1.0 + part);
-            let wanted = exact(&scene, t_us);
+            let wanted = exact(&scene, SIZE, t_us);
             let found = luminance(&scene, &settings, t_us).unwrap();
             let error = off(&found, &wanted);
             let mut plain = scene.clone();

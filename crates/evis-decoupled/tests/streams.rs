@@ -166,9 +166,9 @@ fn what_cannot_be_used_is_refused() {
     let dull = SensorConfig { threshold_on: 0.0, ..SensorConfig::default() };
     assert!(refused(spinner(), View { sensor: dull, ..view(None, 0.2) }).contains("threshold_on"));
     assert!(refused(spinner(), View { camera: 9, ..view(None, 0.2) }).contains("camera 9"));
-    let mut masked = spinner();
-    masked.materials.iter_mut().for_each(|m| m.alpha = evis_scene::AlphaMode::Mask(0.5));
-    assert!(refused(masked, view(None, 0.2)).contains("native sampling"));
+    let mut blocky = spinner();
+    blocky.textures.iter_mut().for_each(|texture| texture.nearest = true);
+    assert!(refused(blocky, view(None, 0.2)).contains("native sampling"));
 }
 
 /// `spinner` with its disc left to a host, and where the disc is at times of the scene itself.

@@ -251,7 +251,7 @@ fn damaged_bags_are_refused_with_the_byte_and_leave_nothing() {
     writer.write(&packet).unwrap();
     writer.finish().unwrap();
     let told = import_mcap(&path, &folder.file("out.h5"), true, |_| true).unwrap_err().to_string();
-    assert!(told.contains("--events-only"), "{told}");
+    assert!(told.contains("`events_only`"), "{told}");
     // The events of a bag with all that can be read as before.
     let options = ReadOptions { camera: Some("/right/events".into()), size: None };
     let mut reader = open(&bag, &options).unwrap();

@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use evis_core::metric::{ScoreSettings, score};
 use evis_core::sensor::{Refractory, RefractoryRule};
 use evis_core::{Cause, Event, LabelKind, SensorConfig};
-use evis_scene::{AlphaMode, Scene, Variant};
+use evis_scene::{Scene, Variant};
 use evis_truth::{PixelChoice, TruthSettings};
 
 use crate::config::{Method, Quality, RunConfig};
@@ -362,10 +362,10 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     let by_hand = SamplingRequest { samples: Some(64), ..by_hand };
     let (method, step_px, _) = apply(Some(&gpu), &desk, by_hand, base()).unwrap();
     assert_eq!((method, step_px), (Method::Native, Some(0.7)));
-    let mut masked = (*desk).clone();
-    masked.materials.iter_mut().for_each(|material| material.alpha = AlphaMode::Mask(0.5));
-    let (method, _, notes) = apply(Some(&gpu), &masked, quality(Quality::High), base()).unwrap();
-    assert!(method == Method::Native && notes.contains("holes"), "{notes}");
+    let mut blocky = (*desk).clone();
+    blocky.textures.iter_mut().for_each(|texture| texture.nearest = true);
+    let (method, _, notes) = apply(Some(&gpu), &blocky, quality(Quality::High), base()).unwrap();
+    assert!(method == Method::Native && notes.contains("interpolation"), "{notes}");
     let v2e = RunConfig { sensor: SensorConfig::preset("v2e").unwrap(), ..base() };
     let (method, _, notes) = apply(Some(&gpu), &desk, quality(Quality::High), v2e.clone()).unwrap();
     assert!(method == Method::Decoupled && notes.contains("4000 frames"), "{notes}");
@@ -386,7 +386,7 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
         by_name().apply(Some(&gpu), scene, &mut config).unwrap();
         Simulator::new(&gpu, Arc::new(scene.clone()), config).err().unwrap().to_string()
     };
-    assert!(refused(&masked, base()).contains("holes"));
+    assert!(refused(&blocky, base()).contains("interpolation"));
     let told = |request: SamplingRequest| apply(Some(&gpu), &desk, request, base()).unwrap_err().to_string();
     assert!(told(SamplingRequest { rate_hz: Some(100.0), ..by_name() }).contains("rate_hz is 100"));
     let step = SamplingRequest { adaptive_px: Some(0.01), ..by_name() };

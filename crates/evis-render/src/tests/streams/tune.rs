@@ -110,7 +110,13 @@ fn presets_are_the_same_for_every_scene_but_for_what_it_does_not_allow() {
         trigger: evis_core::TriggerRule::Crossing,
         ..SensorConfig::preset("davis346").unwrap()
     };
-    let (host, notes) = preset(&gpu, &spinner, Quality::Standard, &RunConfig { sensor: diffusion, ..base() });
+    let mut host = RunConfig { sensor: diffusion, ..base() };
+    let rendered = SamplingRequest {
+        quality: Some(Quality::Standard),
+        method: Some(Method::Native),
+        ..SamplingRequest::default()
+    };
+    let notes = rendered.apply(Some(&gpu), &spinner, &mut host).unwrap();
     assert_eq!((host.adaptive_px, host.between), (None, Interpolation::Line));
     assert!(notes.iter().any(|note| note.contains("runs on the host")), "{notes:?}");
 }
@@ -218,8 +224,8 @@ fn decoupled_sampling_is_tried_where_it_knows_the_scene() {
     // Tiles are what events are taken from, whole ones and no others: as good as in the whole picture.
     let of = |what: &str| found.tried.iter().find(|t| t.what.starts_with(what)).unwrap().agreement.unwrap();
     assert!(of("decoupled, 0.5 px").f1_1ms > 0.97, "{:?}", found.tried);
-    let mut masked = (*spinner).clone();
-    masked.materials.iter_mut().for_each(|material| material.alpha = evis_scene::AlphaMode::Mask(0.5));
-    let all = words(&tuned(&gpu, &Arc::new(masked), &small, goal));
+    let mut blocky = (*spinner).clone();
+    blocky.textures.iter_mut().for_each(|texture| texture.nearest = true);
+    let all = words(&tuned(&gpu, &Arc::new(blocky), &small, goal));
     assert!(all.len() > 2 && !all.iter().any(|what| what.starts_with("decoupled")), "{all:?}");
 }

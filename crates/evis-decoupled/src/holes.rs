@@ -1,0 +1,458 @@
+//! Surfaces with an alpha mask as surfaces without one: their holes are cut out, once.
+//!
+//! glTF 2.0, 3.9.4: a masked surface exists where alpha reaches its cutoff. On a facet, texture coordinates are affine, so that
+//! part is bounded by the contour of the texture's alpha, bilinear between texels. It is cut into triangles, after which nothing
+//! needs to know of masks: coverage, occlusion and shadows are exact as for any mesh.
+
+use std::collections::HashMap;
+use std::sync::Arc;
+
+use evis_scene::{
+    AlphaMode, Image, Material, MorphTarget, Primitive, Scene, SceneState, Texture, Variant, Wrap,
+};
+use glam::{DMat2, DMat4, DVec2, DVec3};
+use i_overlay::core::fill_rule::FillRule;
+use i_overlay::core::overlay_rule::OverlayRule;
+use i_overlay::float::single::SingleFloatOverlay;
+use i_triangle::float::triangulatable::Triangulatable;
+
+use crate::Error;
+use crate::contour::{Grid, Ring, area, simplified};
+use crate::facets::{Facet, facets, wide};
+use crate::hash::Words;
+use crate::maps::texels;
+use crate::texture::wrap_index;
+
+/// How far a hole's border may lie from the contour, in pixels of the camera that comes nearest, and in texels.
+const TOLERANCE_PX: f64 = 0.03;
+const TOLERANCE: [f64; 2] = [0.01, 1.0];
+/// Between texels contours bend: they are sampled at up to so many places per texel along an axis, and up to so many per image.
+const MOST_FINER: u32 = 8;
+const MOST_PLACES: u32 = 2048;
+/// Times at which is seen how near cameras come, and over how many seconds in scenes without an end.
+const TIMES: u32 = 5;
+const SECONDS: f64 = 1.0;
+/// Holes and specks of less than this many texels are left out.
+const LEAST_AREA: f64 = 0.02;
+/// Corners that a scene's outlines have at most, and triangles.
+const MOST_CORNERS: usize = 1 << 22;
+const MOST_PIECES: usize = 1 << 20;
+
+const TOO_MANY: &str = "holes (alpha mask) with more than 4 194 304 corners";
+
+/// The masked primitives of a scene, without their holes.
+#[derive(Debug, Default)]
+pub struct Holes {
+    /// By mesh and number in it.
+    cut: HashMap<(usize, usize), Primitive, Words>,
+}
+
+impl Holes {
+    /// Those of `scene`, whose cameras have `size` pixels or their own; as fine as these see them.
+    ///
+    /// # Errors
+    /// Holes that cannot be cut out.
+    pub fn of(scene: &Scene, size: Option<(u32, u32)>) -> Result<Arc<Self>, Error> {
+        let mut holes = Self::default();
+        let mut outlines = Outlines::default();
+        let mut pieces = 0;
+        let mut viewpoints = None;
+        for (index, mesh) in scene.meshes.iter().enumerate() {
+            let nodes = || scene.nodes.iter().filter(|node| node.mesh == Some(index));
+            if nodes().next().is_none() {
+                continue;
+            }
+            let skinned = nodes().any(|node| node.skin.is_some());
+            for (number, primitive) in mesh.primitives.iter().enumerate() {
+                let Some(material) = scene.materials.get(primitive.material) else { continue };
+                let AlphaMode::Mask(cutoff) = material.alpha else { continue };
+                let refuse = |what: &str| {
+                    Err(Error::Unsupported(format!("material {:?}: it has {what}", material.name)))
+                };
+                if skinned && primitive.joints.is_some() {
+                    return refuse("holes (alpha mask) in a mesh with a skeleton");
+                }
+                let room = MOST_PIECES - pieces;
+                let viewpoints = viewpoints.get_or_insert_with(|| Viewpoints::new(scene, size));
+                let per_metre = viewpoints.pixels_per_metre(scene, index, primitive);
+                match cut(scene, primitive, material, (f64::from(cutoff), per_metre), &mut outlines, room) {
+                    Ok(own) => {
+                        pieces += own.indices.len() / 3;
+                        holes.cut.insert((index, number), own);
+                    }
+                    Err(what) => return refuse(what),
+                }
+            }
+        }
+        Ok(Arc::new(holes))
+    }
+
+    /// Primitive `number` of mesh `mesh`, without its holes.
+    pub fn primitive<'p>(&'p self, scene: &'p Scene, mesh: usize, number: usize) -> &'p Primitive {
+        self.cut.get(&(mesh, number)).unwrap_or_else(|| &scene.meshes[mesh].primitives[number])
+    }
+}
+
+/// Where cameras and nodes are at some times, in all environments.
+struct Viewpoints {
+    /// Poses of nodes, and cameras: places, pixels per metre at a metre's distance, and near planes.
+    moments: Vec<(Vec<DMat4>, Vec<(DVec3, f64, f64)>)>,
+}
+
+impl Viewpoints {
+    fn new(scene: &Scene, size: Option<(u32, u32)>) -> Self {
+        let variants: Vec<Option<&Variant>> =
+            if scene.variants.is_empty() { vec![None] } else { scene.variants.iter().map(Some).collect() };
+        let end_s = scene.duration_s.unwrap_or(SECONDS);
+        let mut moments = Vec::new();
+        let mut state = SceneState::default();
+        for variant in variants {
+            for k in 0..TIMES {
+                scene.evaluate_variant(variant, end_s * f64::from(k) / f64::from(TIMES - 1), &mut state);
+                let cameras = (0..scene.cameras.len()).filter_map(|index| {
+                    let camera = scene.camera_in(variant, index, f64::INFINITY)?;
+                    let (focal, _) = camera.intrinsics(camera.pixels(size));
+                    let eye = state.world_from_node.get(camera.node)?.w_axis.truncate();
+                    Some((eye, focal[0].max(focal[1]), camera.near))
+                });
+                let cameras = cameras.collect();
+                moments.push((state.world_from_node.clone(), cameras));
+            }
+        }
+        Self { moments }
+    }
+
+    /// The most pixels that a metre of `primitive`, which is of mesh `mesh`, has.
+    fn pixels_per_metre(&self, scene: &Scene, mesh: usize, primitive: &Primitive) -> f64 {
+        let points = || primitive.positions.iter().map(|p| wide(*p));
+        let (low, high) =
+            (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
+        let nodes = || scene.nodes.iter().enumerate().filter(|(_, node)| node.mesh == Some(mesh));
+        let mut most = 0.0_f64;
+        for (poses, cameras) in &self.moments {
+            for pose in nodes().filter_map(|(index, _)| poses.get(index)) {
+                let scale = pose.determinant().abs().cbrt();
+                let inverse = pose.inverse();
+                for (eye, focal, near) in cameras {
+                    let own = inverse.transform_point3(*eye);
+                    let distance = scale * own.distance(own.clamp(low, high));
+                    most = most.max(scale * focal / distance.max(*near));
+                }
+            }
+        }
+        if most.is_finite() { most } else { 0.0 }
+    }
+}
+
+/// A facet's places (s, t), from its first corner to the second and the last one, on a texture, in texels.
+struct Placed {
+    origin: DVec2,
+    along: DMat2,
+    outline: Ring,
+}
+
+/// Low and high ends along both axes.
+fn bounds(ring: &Ring) -> [[f64; 2]; 2] {
+    let of = |k: usize| ring.iter().map(move |p| p[k]);
+    let end = |f: fn(f64, f64) -> f64, from: f64| [0, 1].map(|k| of(k).fold(from, f));
+    [end(f64::min, f64::INFINITY), end(f64::max, f64::NEG_INFINITY)]
+}
+
+/// Where alpha of a texture reaches a level: the rings of one period, with their bounds.
+struct Outline {
+    rings: Vec<(Ring, [[f64; 2]; 2])>,
+    /// Texels after which it repeats, along both axes.
+    periods: [Option<f64>; 2],
+}
+
+/// Outlines by texture; and level, reach and tolerance.
+#[derive(Default)]
+struct Outlines {
+    known: HashMap<(usize, [u64; 3]), Outline, Words>,
+    corners: usize,
+}
+
+impl Outlines {
+    /// That of `texture`, number `number` of the scene, to `tolerance` texels; what is clamped is wanted `reach` texels beyond its
+    /// borders.
+    fn of(
+        &mut self,
+        (number, texture, image): (usize, &Texture, &Image),
+        level: f64,
+        reach: f64,
+        tolerance: f64,
+    ) -> &Outline {
+        let clamped = [texture.wrap_u, texture.wrap_v].contains(&Wrap::Clamp);
+        let reach = if clamped { reach.max(1.0).log2().ceil().exp2() } else { 0.0 };
+        self.known
+            .entry((number, [level, reach, tolerance].map(f64::to_bits)))
+            .or_insert_with(|| Outline::new(texture, image, level, reach, tolerance))
+    }
+}
+
+impl Outline {
+    fn new(texture: &Texture, image: &Image, level: f64, reach: f64, tolerance: f64) -> Self {
+        let size = [image.width, image.height];
+        // A chord of a cell is off by some tenth of it.
+        let wanted = (4.0 * TOLERANCE_PX / tolerance).ceil() as u32;
+        let finer = wanted.min(MOST_PLACES / size[0].max(size[1])).clamp(1, MOST_FINER) as usize;
+        let wraps = [texture.wrap_u, texture.wrap_v];
+        // From the middle of the first texel on.
+        let axis = |k: usize| -> (Vec<f64>, Option<f64>) {
+            let texels = size[k] as usize;
+            let (steps, period) = match wraps[k] {
+                Wrap::Repeat => (texels, Some(texels as f64)),
+                Wrap::Mirror => (2 * texels, Some(2.0 * texels as f64)),
+                Wrap::Clamp => (texels - 1, None),
+            };
+            let inner = (0..=steps * finer).map(|j| 0.5 + j as f64 / finer as f64);
+            let mut lines: Vec<f64> = inner.collect();
+            if period.is_none() {
+                lines.insert(0, -reach);
+                lines.push(texels as f64 + reach);
+            }
+            // The border, beyond which nothing is.
+            lines.insert(0, lines[0]);
+            lines.push(lines[lines.len() - 1]);
+            (lines, period)
+        };
+        let [(across, period_u), (down, period_v)] = [axis(0), axis(1)];
+        let alpha = |x: i32, y: i32| {
+            let at = wrap_index(y, size[1] as i32, wraps[1]) * size[0] as usize
+                + wrap_index(x, size[0] as i32, wraps[0]);
+            let alpha = f64::from(image.texels[at][3].to_f32());
+            if alpha.is_finite() { alpha } else { 0.0 }
+        };
+        let last = [across.len() - 1, down.len() - 1];
+        let value = |x: usize, y: usize| {
+            if x == 0 || y == 0 || x == last[0] || y == last[1] {
+                return level - 1.0;
+            }
+            let [u, v] = [across[x] - 0.5, down[y] - 0.5];
+            let (i, j) = (u.floor(), v.floor());
+            let (a, b) = (u - i, v - j);
+            let (i, j) = (i as i32, j as i32);
+            (1.0 - b) * ((1.0 - a) * alpha(i, j) + a * alpha(i + 1, j))
+                + b * ((1.0 - a) * alpha(i, j + 1) + a * alpha(i + 1, j + 1))
+        };
+        let ends = [[across[0], across[last[0]]], [down[0], down[last[1]]]];
+        let on_border = |p: [f64; 2]| (0..2).any(|k| ends[k].contains(&p[k]));
+        let rings = Grid { lines: [across.clone(), down.clone()], value: &value }.rings(level);
+        let rings = rings.iter().map(|ring| simplified(ring, tolerance, &on_border));
+        let whole = rings.filter(|ring| ring.len() >= 3).map(|ring| {
+            let bounds = bounds(&ring);
+            (ring, bounds)
+        });
+        Self { rings: whole.collect(), periods: [period_u, period_v] }
+    }
+
+    /// The rings that may meet a box, of all periods; `None` where these are too many.
+    fn within(&self, [low, high]: [[f64; 2]; 2]) -> Option<Vec<Ring>> {
+        let mut found = Vec::new();
+        let mut corners = 0.0;
+        for (ring, [from, to]) in &self.rings {
+            let [across, down] = [0, 1].map(|k| {
+                let Some(period) = self.periods[k] else {
+                    return [0.0, if from[k] <= high[k] && to[k] >= low[k] { 0.0 } else { -1.0 }];
+                };
+                [((low[k] - to[k]) / period).ceil(), ((high[k] - from[k]) / period).floor()]
+            });
+            let [columns, rows] = [across, down].map(|[first, last]| (last - first + 1.0).max(0.0));
+            corners += columns * rows * ring.len() as f64;
+            if corners > MOST_CORNERS as f64 {
+                return None;
+            }
+            for at in 0..(columns * rows) as usize {
+                let number = [at % columns as usize, at / columns as usize];
+                let shift = [0, 1].map(|k| {
+                    self.periods[k].map_or(0.0, |period| ([across, down][k][0] + number[k] as f64) * period)
+                });
+                found.push(ring.iter().map(|[x, y]| [x + shift[0], y + shift[1]]).collect());
+            }
+        }
+        Some(found)
+    }
+}
+
+/// `primitive` where its alpha reaches `cutoff`, in at most `room` triangles; what is wrong where that cannot be. A metre of it
+/// has up to `per_metre` pixels.
+fn cut(
+    scene: &Scene,
+    primitive: &Primitive,
+    material: &Material,
+    (cutoff, per_metre): (f64, f64),
+    outlines: &mut Outlines,
+    room: usize,
+) -> Result<Primitive, &'static str> {
+    let mut out = Pieces::new(primitive);
+    let map = material.base_color_texture.and_then(|map| {
+        let texture = scene.textures.get(map.texture)?;
+        let image = scene.images.get(texture.image).filter(|image| image.width > 0 && image.height > 0)?;
+        primitive.uvs.get(map.uv_set as usize)?.as_ref()?;
+        Some((map, texture, image))
+    });
+    let facets = facets(primitive, 0, primitive.morph_targets.is_empty());
+    let placed = |facet: &Facet| {
+        let (map, _, image) = map.as_ref()?;
+        let size = DVec2::new(image.width.into(), image.height.into());
+        let [a, b, c, d] = texels(primitive, facet.corners, map, size)?;
+        let mut outline: Ring = [a, b, c, d].map(|p| p.to_array()).to_vec();
+        outline.dedup();
+        Some(Placed { origin: a, along: DMat2::from_cols(b - a, d - a), outline })
+    };
+    let finite = |p: &Placed| p.outline.iter().flatten().all(|v| v.abs() < 1e7);
+    let reach = facets.iter().filter_map(placed).filter(finite);
+    let reach = reach.flat_map(|p| p.outline).flatten().fold(0.0, |m: f64, v| m.max(v.abs()));
+    // Facets with equal detail share outlines.
+    let metres = facets.iter().map(|facet| area_of(primitive, facet)).sum::<f64>();
+    let texels =
+        facets.iter().filter_map(placed).map(|own| area(&own.outline).abs()).filter(|a| a.is_finite());
+    let per_texel = per_metre * (metres / texels.sum::<f64>().max(1e-12)).sqrt();
+    let tolerance = (TOLERANCE_PX / per_texel).clamp(TOLERANCE[0], TOLERANCE[1]).log2().floor().exp2();
+    for facet in &facets {
+        let alphas = facet.corners.map(|c| {
+            let colors = primitive.colors.as_ref().and_then(|colors| colors.get(c as usize));
+            f64::from(material.base_color[3]) * colors.map_or(1.0, |color| f64::from(color[3]))
+        });
+        if alphas.iter().any(|a| (a - alphas[0]).abs() > 1e-6) {
+            return Err("holes (alpha mask) whose alpha differs between vertices");
+        }
+        let level = cutoff / alphas[0];
+        let Some(((map, texture, image), own)) = map.as_ref().zip(placed(facet)) else {
+            if alphas[0] >= cutoff {
+                out.keep(facet);
+            }
+            continue;
+        };
+        if cutoff <= 0.0 {
+            out.keep(facet);
+            continue;
+        }
+        // Nothing is left of what is transparent, nor of what has no usable texture coordinates.
+        if !level.is_finite() || !finite(&own) {
+            continue;
+        }
+        let outline = outlines.of((map.texture, texture, image), level, reach, tolerance);
+        if own.along.determinant().abs() < 1e-9 {
+            // All of it shows one place of the texture, or a line of it.
+            let middle = own.outline.iter().fold(DVec2::ZERO, |sum, p| sum + DVec2::from_array(*p));
+            let p = middle / own.outline.len() as f64;
+            if outline.within([p.to_array(); 2]).is_some_and(|rings| contains(&rings, p)) {
+                out.keep(facet);
+            }
+            continue;
+        }
+        let Some(rings) = outline.within(bounds(&own.outline)) else { return Err(TOO_MANY) };
+        outlines.corners += rings.iter().map(Vec::len).sum::<usize>();
+        if outlines.corners > MOST_CORNERS {
+            return Err(TOO_MANY);
+        }
+        let shapes = rings.overlay(&own.outline, OverlayRule::Intersect, FillRule::NonZero);
+        let left: f64 = shapes.iter().flatten().map(|ring| area(ring)).sum::<f64>().abs();
+        if (left - area(&own.outline).abs()).abs() < LEAST_AREA {
+            out.keep(facet);
+            continue;
+        }
+        let large: Vec<Vec<Ring>> = shapes
+            .into_iter()
+            .map(|shape| shape.into_iter().filter(|r| area(r).abs() > LEAST_AREA).collect::<Vec<_>>())
+            .filter(|shape: &Vec<Ring>| !shape.is_empty())
+            .collect();
+        let mesh = large.triangulate().to_triangulation::<u32>();
+        out.add(facet, &own, &mesh.points, &mesh.indices);
+        if out.cut.indices.len() / 3 > room {
+            return Err("holes (alpha mask) that leave more than 1 048 576 triangles");
+        }
+    }
+    Ok(out.cut)
+}
+
+/// Area of a facet in square metres.
+fn area_of(primitive: &Primitive, facet: &Facet) -> f64 {
+    let [a, b, c, d] = facet.corners.map(|c| wide(primitive.positions[c as usize]));
+    0.5 * (c - a).cross(d - b).length()
+}
+
+/// Whether `p` lies within an odd number of `rings`.
+fn contains(rings: &[Ring], p: DVec2) -> bool {
+    let crosses = |a: &[f64; 2], b: &[f64; 2]| {
+        (a[1] > p.y) != (b[1] > p.y) && p.x < a[0] + (p.y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
+    };
+    let of = |ring: &Ring| {
+        let next = ring.iter().cycle().skip(1);
+        ring.iter().zip(next).filter(|(a, b)| crosses(a, b)).count()
+    };
+    rings.iter().map(of).sum::<usize>() % 2 == 1
+}
+
+/// A primitive that grows by parts of another one.
+struct Pieces<'a> {
+    of: &'a Primitive,
+    cut: Primitive,
+}
+
+impl<'a> Pieces<'a> {
+    /// With all vertices of `of`, and no triangle.
+    fn new(of: &'a Primitive) -> Self {
+        Self { of, cut: Primitive { indices: Vec::new(), ..of.clone() } }
+    }
+
+    /// Adds all of a facet.
+    fn keep(&mut self, facet: &Facet) {
+        let [a, b, c, d] = facet.corners;
+        self.cut.indices.extend([a, b, c]);
+        if d != c {
+            self.cut.indices.extend([a, c, d]);
+        }
+    }
+
+    /// Adds triangles between `points` of the texture.
+    fn add(&mut self, facet: &Facet, placed: &Placed, points: &[[f64; 2]], indices: &[u32]) {
+        let first = self.cut.positions.len() as u32;
+        let to_facet = placed.along.inverse();
+        for point in points {
+            let at = to_facet * (DVec2::from_array(*point) - placed.origin);
+            self.corner(facet.corners, at);
+        }
+        let winding = placed.along.determinant() > 0.0;
+        for &[a, b, c] in indices.as_chunks::<3>().0 {
+            let corners = [a, b, c].map(|k| points[k as usize]);
+            let same = (area(&corners) > 0.0) == winding;
+            let (b, c) = if same { (b, c) } else { (c, b) };
+            self.cut.indices.extend([a, b, c].map(|k| first + k));
+        }
+    }
+
+    /// Adds a vertex at a place of a facet.
+    fn corner(&mut self, [a, b, _, d]: [u32; 4], at: DVec2) {
+        let own = [a, b, d].map(|c| c as usize);
+        let weights = [1.0 - at.x - at.y, at.x, at.y];
+        let (of, cut) = (self.of, &mut self.cut);
+        blend(&of.positions, &mut cut.positions, own, weights);
+        blend(&of.normals, &mut cut.normals, own, weights);
+        let tangents = of.tangents.iter().zip(&mut cut.tangents);
+        tangents.for_each(|(of, cut)| blend(of, cut, own, weights));
+        for (of, cut) in of.uvs.iter().zip(&mut cut.uvs) {
+            of.iter().zip(cut).for_each(|(of, cut)| blend(of, cut, own, weights));
+        }
+        of.colors.iter().zip(&mut cut.colors).for_each(|(of, cut)| blend(of, cut, own, weights));
+        for (of, cut) in of.morph_targets.iter().zip(&mut cut.morph_targets) {
+            let MorphTarget { positions, normals } = cut;
+            blend(&of.positions, positions, own, weights);
+            blend(&of.normals, normals, own, weights);
+        }
+    }
+}
+
+/// Adds the mean of three values.
+fn blend<const N: usize>(of: &[[f32; N]], to: &mut Vec<[f32; N]>, corners: [usize; 3], weights: [f64; 3]) {
+    if of.is_empty() {
+        return;
+    }
+    let mut sum = [0.0; N];
+    for (corner, weight) in corners.into_iter().zip(weights) {
+        let value = of.get(corner).copied().unwrap_or([0.0; N]);
+        (0..N).for_each(|k| sum[k] += f64::from(value[k]) * weight);
+    }
+    to.push(sum.map(|v| v as f32));
+}

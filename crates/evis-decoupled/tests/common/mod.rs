@@ -1,0 +1,47 @@
+//! Pictures by rays, and numbers that look random.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use evis_decoupled::world::World;
+use evis_scene::{Scene, SceneState};
+use evis_truth::Lattice;
+use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
+
+/// Numbers in [0, 1) by place.
+pub fn noise(channel: u32, x: u32, y: u32) -> f32 {
+    let v = (x.wrapping_mul(747_796_405) ^ y.wrapping_mul(2_891_336_453) ^ channel.wrapping_mul(277_803_737))
+        .wrapping_mul(0x9e37_79b9);
+    let v = ((v >> ((v >> 28) + 4)) ^ v).wrapping_mul(277_803_737);
+    ((v >> 22) ^ v) as f32 / u32::MAX as f32
+}
+
+/// By many rays per pixel.
+pub fn exact(scene: &Scene, size: (u32, u32), t_us: f64) -> Vec<f64> {
+    let textures = Textures::new(scene);
+    let mut state = SceneState::default();
+    scene.evaluate(t_us * 1e-6, &mut state);
+    let options = Options { filter: TextureFilter::BaseLevel, shadows: true, split_sum: SplitSum::Tabulated };
+    let caster = RayCaster::new(scene, &state, &textures, options);
+    let lens = World::new(scene, 0, Some(size)).unwrap().lens;
+    let pinhole = Pinhole {
+        world_from_camera: scene.world_from_camera(0, &state).unwrap(),
+        focal: lens.focal,
+        center: lens.center,
+        width: size.0 as usize,
+        height: size.1 as usize,
+        near: lens.near,
+    };
+    let offsets = Lattice::Second.offsets(1);
+    let pixel = |i: u32| {
+        let middle = [f64::from(i % size.0) + 0.5, f64::from(i / size.0) + 0.5];
+        let light = |o: &[f64; 2]| caster.look(&pinhole, [middle[0] + o[0], middle[1] + o[1]]).0;
+        offsets.iter().map(light).sum::<f64>() / offsets.len() as f64
+    };
+    (0..size.0 * size.1).map(pixel).collect()
+}
+
+/// Root mean square of what ln of one is off by.
+pub fn off(found: &[f64], exact: &[f64]) -> f64 {
+    let squares = found.iter().zip(exact).map(|(f, e)| (f + 1e-3).ln() - (e + 1e-3).ln()).map(|v| v * v);
+    (squares.sum::<f64>() / found.len() as f64).sqrt()
+}

@@ -1,0 +1,169 @@
+//! Surfaces with alpha masks, against rays.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
+use evis_core::metric::{ScoreSettings, score};
+use evis_decoupled::holes::Holes;
+use evis_decoupled::{Settings, luminance, simulate};
+use evis_scene::motion::Path;
+use evis_scene::primitive::Shape;
+use evis_scene::{
+    AlphaMode, Camera, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, Texture,
+    TextureRef, Trs, Wrap,
+};
+use evis_truth::{PixelChoice, TruthSettings, truth};
+use glam::{DQuat, DVec3};
+use half::f16;
+
+mod common;
+
+use common::{exact, noise, off};
+
+const SIZE: (u32, u32) = (48, 36);
+const TEXELS: u32 = 24;
+const WRAPS: [[Wrap; 2]; 3] =
+    [[Wrap::Repeat, Wrap::Mirror], [Wrap::Clamp, Wrap::Repeat], [Wrap::Mirror, Wrap::Clamp]];
+
+/// A card with holes that moves and turns before a textured wall, on which a lamp throws its shadow.
+fn scene(wraps: [Wrap; 2], uv_scale: f32, cutoff: f32) -> Scene {
+    let mut scene = Scene { ambient: [0.15; 3], ..Scene::default() };
+    let texel = |i: u32, channel: u32| noise(channel, i % TEXELS, i / TEXELS);
+    for (name, holes) in [("leaves", true), ("wall", false)] {
+        let value = |i: u32| {
+            let [r, g, b] = [0, 1, 2].map(|c| 0.3 + 0.5 * texel(i, c + 4 * u32::from(holes)));
+            [r, g, b, if holes { texel(i, 3) } else { 1.0 }].map(f16::from_f32)
+        };
+        let image = scene.images.len();
+        let texels = (0..TEXELS * TEXELS).map(value).collect();
+        scene.images.push(Image { name: name.into(), width: TEXELS, height: TEXELS, texels });
+        let [wrap_u, wrap_v] = if holes { wraps } else { [Wrap::Repeat; 2] };
+        scene.textures.push(Texture { image, wrap_u, wrap_v, nearest: false });
+        let transform = if holes {
+            [uv_scale, 0.2, -0.37, -0.3, uv_scale.abs(), 0.21]
+        } else {
+            [2.0, 0.0, 0.1, 0.0, 2.0, 0.2]
+        };
+        let base_color_texture = Some(TextureRef { texture: image, uv_set: 0, transform });
+        let alpha = if holes { AlphaMode::Mask(cutoff) } else { AlphaMode::Opaque };
+        scene.materials.push(Material { base_color_texture, alpha, ..Material::diffuse(name) });
+    }
+    for (material, size) in [(0, [1.6, 1.3]), (1, [6.0, 5.0])] {
+        let mut primitive = Shape::Card { size }.build(None, [1.0, 1.0]).unwrap();
+        primitive.material = material;
+        scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
+    }
+    let start = Trs { translation: DVec3::new(-0.1, 0.05, -3.0), ..Trs::default() };
+    let turned = Trs { rotation: DQuat::from_rotation_x(-0.4), ..Trs::default() };
+    let path = Path::Chain(vec![
+        Path::ConstantVelocity { start, velocity: DVec3::new(2.5, 1.0, 0.3) },
+        Path::Spin { start: turned, axis: DVec3::Y, rate: 4.0 },
+    ]);
+    scene.add_node(Node { mesh: Some(0), motion: Motion::Path(path.into()), ..Node::default() });
+    let wall = Trs { translation: DVec3::new(0.0, 0.0, -4.0), ..Trs::default() }.matrix();
+    scene.add_node(Node { mesh: Some(1), motion: Motion::Fixed(wall), ..Node::default() });
+    scene.lights.push(Light {
+        kind: LightKind::Directional,
+        casts_shadow: true,
+        intensity: 2.0,
+        color: [1.0, 0.9, 0.8],
+        name: String::new(),
+        range: None,
+        waveform: None,
+    });
+    let turn = Trs { rotation: DQuat::from_euler(glam::EulerRot::YXZ, 0.3, -0.35, 0.0), ..Trs::default() };
+    scene.add_node(Node { light: Some(0), motion: Motion::Fixed(turn.matrix()), ..Node::default() });
+    let node = scene.add_node(Node::default());
+    scene.cameras.push(Camera {
+        name: "camera".into(),
+        node,
+        lens: Lens::FieldOfView { fov_y: 0.6 },
+        width: None,
+        height: None,
+        aspect: None,
+        near: 0.05,
+        threshold_on: None,
+        threshold_off: None,
+        sensor: None,
+    });
+    scene
+}
+
+fn without_mask(scene: &Scene) -> Scene {
+    let mut opaque = scene.clone();
+    opaque.materials[0].alpha = AlphaMode::Opaque;
+    opaque
+}
+
+#[test]
+fn light_through_holes_is_that_of_rays() {
+    for (case, wraps) in WRAPS.into_iter().enumerate() {
+        // The second one is mirrored.
+        let scene = scene(wraps, [0.5, -0.9, 1.3][case], [0.5, 0.35, 0.62][case]);
+        let settings = Settings { size: Some(SIZE), ..Settings::default() };
+        for t_us in [0.0, 60_000.0] {
+            let wanted = exact(&scene, SIZE, t_us);
+            let error = off(&luminance(&scene, &settings, t_us).unwrap(), &wanted);
+            let canary = off(&luminance(&without_mask(&scene), &settings, t_us).unwrap(), &wanted);
+            println!("{wraps:?} at {t_us}: {error:.4} off, {canary:.4} without holes");
+            assert!(error < 0.01, "{wraps:?}: {error:.4}");
+            assert!(canary > 20.0 * error, "canary: {canary:.4}");
+        }
+    }
+}
+
+#[test]
+fn what_has_holes_fires_as_rays_say() {
+    let scene = scene(WRAPS[0], 0.6, 0.5);
+    let (size, duration_us) = (Some((96, 72)), 60_000);
+    let asked =
+        TruthSettings { size, duration_us, pixels: PixelChoice::Count(400), ..TruthSettings::default() };
+    let truth = truth(&scene, &asked, &|_| true).unwrap();
+    let f1 = |scene: &Scene| {
+        let reference_luminance = Some(truth.reference_luminance);
+        let settings = Settings { size, duration_us, reference_luminance, ..Settings::default() };
+        let events = simulate(scene, &settings).unwrap().events;
+        let found = score(&events, &truth, &ScoreSettings::default()).unwrap();
+        (found.at(1000).unwrap().scaled.f1, events.len())
+    };
+    let (found, count) = f1(&scene);
+    let (canary, _) = f1(&without_mask(&scene));
+    println!("F1 {found:.4} of {count} events, {canary:.4} without holes");
+    assert!(found > 0.95 && count > 1000, "{found:.4} of {count}");
+    assert!(canary < 0.7, "canary: {canary:.4}");
+}
+
+#[test]
+fn what_is_whole_stays_and_what_is_transparent_goes() {
+    let triangles = |scene: &Scene| Holes::of(scene, None).unwrap().primitive(scene, 0, 0).indices.len() / 3;
+    let filled = |alpha: f32| {
+        let mut scene = scene(WRAPS[1], 0.6, 0.5);
+        scene.images[0].texels.iter_mut().for_each(|texel| texel[3] = f16::from_f32(alpha));
+        scene
+    };
+    let whole = scene(WRAPS[1], 0.6, 0.0);
+    let card = whole.meshes[0].primitives[0].indices.len() / 3;
+    assert_eq!((triangles(&whole), triangles(&filled(1.0))), (card, card));
+    assert_eq!([0.2, f32::NAN, f32::NEG_INFINITY].map(|alpha| triangles(&filled(alpha))), [0; 3]);
+    // A factor that leaves nothing, and coordinates that lead nowhere.
+    let mut clear = scene(WRAPS[1], 0.6, 0.5);
+    clear.materials[0].base_color[3] = 0.0;
+    let mut lost = scene(WRAPS[1], 0.6, 0.5);
+    lost.meshes[0].primitives[0].uvs[0].as_mut().unwrap()[0] = [f32::NAN, f32::INFINITY];
+    assert_eq!(triangles(&clear), 0);
+    assert!(triangles(&lost) < triangles(&scene(WRAPS[1], 0.6, 0.5)));
+    // All of a card in one place of the texture is there, or is not.
+    for (place, there) in [([0.02, 0.02], None), ([0.5, 0.5], Some(card))] {
+        let mut flat = filled(if there.is_some() { 0.9 } else { 0.1 });
+        flat.meshes[0].primitives[0].uvs[0].as_mut().unwrap().fill(place);
+        assert_eq!(triangles(&flat), there.unwrap_or(0));
+    }
+}
+
+/// A fence of which the texture repeats a million times has more pieces than fit.
+#[test]
+fn holes_beyond_number_are_refused() {
+    let scene = scene(WRAPS[0], 1e4, 0.5);
+    let error = Holes::of(&scene, None).unwrap_err().to_string();
+    assert!(error.contains("leaves") && error.contains("holes"), "{error}");
+    assert!(evis_decoupled::unsupported(&scene).is_some());
+}
