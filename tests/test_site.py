@@ -108,7 +108,7 @@ def test_the_page_of_sensor_keys_has_every_key_with_its_default() -> None:
     assert page == {
         name: {f.name: getattr(stage, f.name) for f in fields(stage)} for name, stage in stages.items()
     }
-    assert sum(map(len, page.values())) == 48
+    assert sum(map(len, page.values())) == 49
     # Canary.
     assert sensor_keys("## `[noise]`\n| `leak_hz` | 0.1 | Hz | x |\n") == {"noise": {"leak_hz": 0.1}}
 

@@ -155,6 +155,9 @@ class Noise(ShortRepr):
         delays are exponential.
     alternation : float
         Probability that a shot event's polarity is not that of the pixel's last event; below 0: independent.
+    shot_recovery_us : float
+        How long shot noise takes to come back after an event of its pixel: ``t`` after it, its rate is
+        multiplied by ``1 - exp(-(t / shot_recovery_us)**2)``; bursts come nevertheless. 0: at once.
     """
 
     leak_hz: float = 0.0
@@ -174,6 +177,7 @@ class Noise(ShortRepr):
     burst_us: float = 300.0
     burst_longest_us: float = 0.0
     alternation: float = -1.0
+    shot_recovery_us: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, slots=True, repr=False)

@@ -306,6 +306,52 @@ fn bursts_and_alternation_are_what_was_asked_for() {
 }
 
 #[test]
+fn shot_noise_recovers_as_long_as_was_asked_at_any_frame_rate() {
+    let recovery_s = 0.1_f64;
+    let noise = Noise { shot_hz: 8.0, shot_recovery_us: 1e6 * recovery_s as f32, ..Noise::default() };
+    let seconds = 20_i64;
+    // Whether the time of the last event is kept for this alone, or for a refractory period too.
+    for period_us in [0, 100] {
+        let refractory = Refractory { period_us, ..Refractory::default() };
+        let sensor = SensorConfig { noise, refractory, ..Default::default() };
+        let events = run(&mut emulator(50, 40, &sensor), &grid(5_000, seconds * 1_000_000), |_| 0.5);
+        // Times between events survive t with exp(-integral of the hazard 8 (1 - e^-(t / 0.1)^2)).
+        let (mut survival, mut mean, mut within) = (1.0_f64, 0.0, [0.0; 3]);
+        let step = 1e-4;
+        for k in 0..100_000 {
+            let t = (f64::from(k) + 0.5) * step;
+            let share = survival * 8.0 * (1.0 - (-(t / recovery_s).powi(2)).exp()) * step;
+            mean += survival * step;
+            survival -= share;
+            if let Some(part) = within.get_mut((t / 0.05) as usize) {
+                *part += share;
+            }
+        }
+        let expected = 2000.0 * seconds as f64 / mean;
+        assert!(meets(events.len(), expected, 0.02), "{} for {expected}", events.len());
+        let mut last = vec![None; 2000];
+        let (mut pairs, mut got) = (0.0, [0.0; 3]);
+        for event in &events {
+            let pixel = usize::from(event.y) * 50 + usize::from(event.x);
+            if let Some(before) = last[pixel].replace(event.t) {
+                pairs += 1.0;
+                if let Some(part) = got.get_mut(((event.t - before) / 50_000) as usize) {
+                    *part += 1.0;
+                }
+            }
+        }
+        for (got, want) in got.iter().zip(within) {
+            assert!((got / pairs - want).abs() < 0.01, "{got:?} of {pairs} for {within:?}");
+        }
+        assert!(within[0] < 0.05, "canary: without a recovery a third of all pairs are within 50 ms");
+        let other = run(&mut emulator(50, 40, &sensor), &grid(33_333, seconds * 1_000_000), |_| 0.5);
+        let until = other.last().unwrap().t;
+        let first: Vec<_> = events.iter().filter(|event| event.t <= until).collect();
+        assert!(first.len() >= other.len() && first.iter().zip(&other).all(|(a, b)| **a == *b));
+    }
+}
+
+#[test]
 fn long_bursts_last_as_long_as_was_asked_at_any_frame_rate() {
     let noise = Noise {
         shot_hz: 0.3,

@@ -117,9 +117,30 @@ fn a_calibration_finds_the_noise_that_was_put_in() {
         assert!(near(got.into(), want, 0.25), "{name}: {got} for {want}");
     }
     assert_eq!(got.alternation, -1.0, "polarities are independent");
+    assert_eq!(got.shot_recovery_us, 0.0, "and times");
     assert!(made.warnings.is_empty(), "{:?}", made.warnings);
     assert!(made.to_string().contains("thresholds and their spread"), "{made}");
     assert_eq!(SensorConfig::from_toml(&made.sensor.to_toml()).unwrap(), made.sensor);
+}
+
+#[test]
+fn a_recovery_of_shot_noise_is_found_again() {
+    let (size, end_us) = ((160, 120), 4_000_000);
+    let noise =
+        Noise { shot_hz: 1.5, shot_spread_decades: 0.2, shot_recovery_us: 250_000.0, ..Noise::default() };
+    let truth = SensorConfig { noise, ..SensorConfig::default() };
+    let events = static_scene(&truth, size, end_us, 0.18, 11).unwrap();
+    let made = calibrate(&events, size, (0, end_us), &SensorConfig::default(), 0).unwrap();
+    let got = made.sensor.noise;
+    for (name, got, want) in [
+        ("shot_hz", got.shot_hz, 1.5),
+        ("shot_spread_decades", got.shot_spread_decades, 0.2),
+        ("shot_recovery_us", got.shot_recovery_us, 250_000.0),
+    ] {
+        assert!(near(got.into(), want, 0.2), "{name}: {got} for {want}");
+    }
+    assert!(made.warnings.is_empty(), "{:?}", made.warnings);
+    assert!(made.to_string().contains("recovery of shot noise"), "{made}");
 }
 
 /// `waves` that drift to the right by `px_s` pixels per second, before a sensor with noise.

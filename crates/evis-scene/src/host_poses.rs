@@ -8,7 +8,6 @@ use std::sync::atomic::{AtomicI64, Ordering};
 
 use glam::DVec3;
 
-use crate::builder::check_lens;
 use crate::error::SceneError;
 use crate::factors::{LightChange, LightFactors, MaterialChange, MaterialFactors, ShadingModel};
 use crate::model::Lens;
@@ -367,7 +366,7 @@ impl HostPoses {
                 self.environments
             )));
         };
-        check_lens(&lens)?;
+        lens.check()?;
         steps.replace(lens);
         Ok(())
     }

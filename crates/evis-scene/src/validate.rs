@@ -2,7 +2,6 @@
 
 use std::collections::HashSet;
 
-use crate::builder::check_lens;
 use crate::error::SceneError;
 use crate::image::MAX_EDGE;
 use crate::model::{Lens, LightKind, Material, Scene, TextureRef, Variant};
@@ -300,7 +299,7 @@ impl Scene {
                 return missing("camera", *index, self.cameras.len());
             };
             let Some(own) = steps.at(f64::NEG_INFINITY) else { continue };
-            check_lens(&own).map_err(|e| SceneError::Rule(format!("camera '{}': {e}", camera.name)))?;
+            own.check().map_err(|e| SceneError::Rule(format!("camera '{}': {e}", camera.name)))?;
             if self.distortions.contains_key(&camera.name) && !matches!(own, Lens::Intrinsics { .. }) {
                 return Err(SceneError::Rule(format!(
                     "camera '{}' has a distortion and no focal lengths; give it intrinsics",

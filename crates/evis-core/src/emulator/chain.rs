@@ -6,7 +6,7 @@
 
 use super::frames::{BLOCK, Source};
 use super::ideal::{Interval, Tally};
-use super::noise::{Candidate, TileNoise, spread_mean};
+use super::noise::{Candidate, REST_SHIFT, TileNoise, spread_mean};
 use super::numbering::Numbering;
 use super::order::Record;
 use super::plain::{self, Moments};
@@ -150,7 +150,7 @@ pub(crate) struct Chain {
     pub slope: Vec<f32>,
     /// Its mean.
     steady: Vec<f32>,
-    /// When the pixel last fired, microseconds after `base_us` (refractory).
+    /// When the pixel last fired, microseconds after `base_us` (refractory, recovery).
     pub fired: Vec<i32>,
     /// Polarity of the last event: 0, 1, or 2 for none (alternation).
     pub polarity: Vec<u8>,
@@ -316,7 +316,7 @@ impl Chain {
             moved: when(plan.ramp, 0),
             steady: slope.clone(),
             slope,
-            fired: when(sensor.refractory.period_us > 0, LONG_AGO),
+            fired: when(sensor.refractory.period_us > 0 || noise.shot_recovery_us > 0.0, LONG_AGO),
             polarity: vec![2; if noise.alternation >= 0.0 { length } else { 0 }],
             base_us: 0,
             on,
@@ -925,11 +925,13 @@ impl Pixel<'_> {
         before + (after - before) * part
     }
 
-    /// When the pixel last fired, since the interval's start.
+    /// When the pixel last fired, since the interval's start; long ago without a refractory period.
     fn fired(&self) -> f64 {
         match self.chain.fired.get(self.index) {
-            Some(fired) => (i64::from(*fired) + self.chain.base_us - self.start_us) as f64,
-            None => f64::NEG_INFINITY,
+            Some(fired) if self.plan.sensor.refractory.period_us > 0 => {
+                (i64::from(*fired) + self.chain.base_us - self.start_us) as f64
+            }
+            _ => f64::NEG_INFINITY,
         }
     }
 
@@ -977,6 +979,12 @@ impl Pixel<'_> {
         let settled = candidate.settle(noise, &self.chain.noise.rates(self.index));
         let light = || self.light_at((candidate.t_us - self.start_us) as f64) as f32;
         if settled.light_below < f32::INFINITY && light() >= settled.light_below {
+            return None;
+        }
+        if settled.rest > 0
+            && let Some(fired) = self.chain.fired.get(self.index)
+            && candidate.t_us - self.chain.base_us - i64::from(*fired) < i64::from(settled.rest << REST_SHIFT)
+        {
             return None;
         }
         let last = self.chain.polarity.get(self.index).copied();

@@ -27,7 +27,12 @@ pub(crate) struct Candidate {
     pub side: u32,
     /// Whether the pixel is hot and this is why.
     pub hot: bool,
+    /// Whether it follows another in a burst.
+    pub follows: bool,
 }
+
+/// Unit of [`Settled::rest`], as a power of two of microseconds: the longest rest fits the bits that shaders have for it.
+pub(crate) const REST_SHIFT: u32 = 4;
 
 /// What a candidate's event is like, if light lets it happen.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -39,14 +44,21 @@ pub(crate) struct Settled {
     /// Whether its polarity is that of the pixel's last event (`Off`) or the other one (`On`).
     pub relative: Option<Polarity>,
     pub cause: Cause,
+    /// It happens where the pixel's last event is at least so long ago, in units of 16 us.
+    pub rest: u32,
 }
 
 impl Candidate {
     /// Everything about it that does not depend on light.
     pub fn settle(&self, noise: &Noise, rates: &Rates) -> Settled {
         let side = unit(self.side);
-        let always =
-            |polarity, cause| Settled { light_below: f32::INFINITY, polarity, relative: None, cause };
+        let always = |polarity, cause| Settled {
+            light_below: f32::INFINITY,
+            polarity,
+            relative: None,
+            cause,
+            rest: 0,
+        };
         if self.hot {
             let on = side < f64::from(noise.on_share);
             return always(if on { Polarity::On } else { Polarity::Off }, Cause::Hot);
@@ -73,7 +85,17 @@ impl Candidate {
         };
         let other = side < f64::from(noise.alternation);
         let relative = (noise.alternation >= 0.0).then_some(if other { Polarity::On } else { Polarity::Off });
-        Settled { light_below, polarity, relative, cause: Cause::Shot }
+        Settled { light_below, polarity, relative, cause: Cause::Shot, rest: self.rest(noise) }
+    }
+
+    /// The time since the pixel's last event that lets a candidate of shot noise happen: its distribution is the recovery.
+    fn rest(&self, noise: &Noise) -> u32 {
+        if noise.shot_recovery_us == 0.0 || self.follows {
+            return 0;
+        }
+        // The low half of a word whose high half decides the polarity; the longest is 3.4 times the recovery.
+        let u = (f64::from(self.side & 0xffff) + 0.5) / 65_536.0;
+        (f64::from(noise.shot_recovery_us) * (-u.ln()).sqrt()) as u32 >> REST_SHIFT
     }
 }
 
@@ -249,7 +271,14 @@ impl TileNoise {
             let count = poisson(key.draw(numbering.of(*pixel), StreamId::Hot, epoch, 0)[0], mean);
             for k in 1..=count {
                 let [when, mark, side, _] = key.draw(numbering.of(*pixel), StreamId::Hot, epoch, k);
-                drawn.push(Candidate { pixel: *pixel, t_us: instant(epoch, when), mark, side, hot: true });
+                drawn.push(Candidate {
+                    pixel: *pixel,
+                    t_us: instant(epoch, when),
+                    mark,
+                    side,
+                    hot: true,
+                    follows: false,
+                });
             }
         }
         drawn.sort_unstable_by_key(|candidate| (candidate.t_us, *candidate));
@@ -311,11 +340,11 @@ fn parents(
         let scaled = |within: f64| limit(within / f64::from(rates.leak + shot));
         if which < leak_part {
             let within = f64::from(rates.leak) * unit(mark);
-            found(Candidate { pixel, t_us, mark: scaled(within), side, hot: false });
+            found(Candidate { pixel, t_us, mark: scaled(within), side, hot: false, follows: false });
             continue;
         }
         let within = |mark: u32| scaled(f64::from(rates.leak) + f64::from(shot) * unit(mark));
-        found(Candidate { pixel, t_us, mark: within(mark), side, hot: false });
+        found(Candidate { pixel, t_us, mark: within(mark), side, hot: false, follows: false });
         if noise.burst_events > 0.0 {
             let mean = f64::from(noise.burst_events);
             let [more, ..] = key.draw(number, StreamId::NoiseMark, epoch, (k << 8) | 1);
@@ -331,7 +360,7 @@ fn parents(
                     -unit(delay).ln() * shortest
                 };
                 let t_us = t_us + (delay as i64).clamp(1, longest_delay(noise));
-                found(Candidate { pixel, t_us, mark: within(mark), side, hot: false });
+                found(Candidate { pixel, t_us, mark: within(mark), side, hot: false, follows: true });
             }
         }
     }

@@ -41,6 +41,8 @@ pub struct NoiseCandidate {
     pub relative: Option<Polarity>,
     /// Why.
     pub cause: Cause,
+    /// It happens where the pixel's last event is at least so long ago, in units of 16 us; below 2^18.
+    pub rest: u32,
 }
 
 /// The noise of one camera's pixels.
@@ -89,6 +91,7 @@ impl NoiseFeed {
                     polarity: settled.polarity,
                     relative: settled.relative,
                     cause: settled.cause,
+                    rest: settled.rest,
                 }
             };
             tile.now.iter().map(settled_at)

@@ -117,11 +117,11 @@ impl Pixels<'_> {
     #[inline(always)]
     fn is_refractory(&self, shared: &Shared, i: usize, t: f64) -> bool {
         match self.fired.get(i) {
-            Some(fired) => {
+            Some(fired) if shared.period > 0.0 => {
                 let fired = (i64::from(*fired) - i64::from(shared.since_us)) as f64;
                 t - fired < shared.period
             }
-            None => false,
+            _ => false,
         }
     }
 

@@ -106,7 +106,8 @@ pub const PRESETS: [Preset; 13] = [
         name: "dvxplorer-like",
         source: "noise fitted to the first second of one public recording of a dark, still scene by a 640x480 sensor, met \
                  within 20 % by its second one (0.43 Hz per pixel, ON share 0.54, hot pixels 0.073 %, Fano factor 1.04, \
-                 alternation 0.30); its light and biases are unknown, the rest is a guess",
+                 alternation 0.30) and within 10 % (430 ms from event to event of a pixel, the median); its light and biases \
+                 are unknown, the rest is a guess",
         make: dvxplorer_like,
     },
     Preset {
@@ -263,13 +264,14 @@ fn dvxplorer_like() -> SensorConfig {
         pattern: Pattern { sigma: 0.03, start: Start::Phase, ..Pattern::default() },
         noise: Noise {
             // `evis calibrate` of the first second; the scene was dark, how noise falls with light is a guess.
-            shot_hz: 0.431,
+            shot_hz: 0.5266,
             shot_light_share: 0.9,
-            shot_spread_decades: 0.0934,
-            on_share: 0.5435,
-            burst_events: 0.00725,
-            burst_us: 758.0,
-            alternation: 0.302,
+            shot_spread_decades: 0.3835,
+            on_share: 0.5502,
+            burst_events: 0.01093,
+            burst_us: 657.0,
+            alternation: 0.3031,
+            shot_recovery_us: 347_600.0,
             hot_share: 7.26e-4,
             hot_hz: 155.5,
             ..Noise::default()

@@ -201,6 +201,10 @@ pub struct Noise {
     /// Probability that a shot event's polarity is not that of its pixel's last event; below 0: polarities are
     /// independent, with `on_share`.
     pub alternation: f32,
+    /// How long shot noise takes to come back after an event of its pixel, microseconds, at most a million: `t` after it the
+    /// rate is `1 - e^-(t / this)^2` of what it was, as noise that is slower than that needs time to carry the signal across
+    /// a threshold again. What follows in a burst comes nevertheless. 0: at once.
+    pub shot_recovery_us: f32,
 }
 
 impl Default for Noise {
@@ -223,6 +227,7 @@ impl Default for Noise {
             burst_us: 300.0,
             burst_longest_us: 0.0,
             alternation: -1.0,
+            shot_recovery_us: 0.0,
         }
     }
 }
@@ -378,7 +383,8 @@ impl Noise {
         if self.burst_longest_us != 0.0 {
             within("noise.burst_longest_us", self.burst_longest_us, self.burst_us, 1e6)?;
         }
-        within("noise.alternation", self.alternation, -1.0, 1.0)
+        within("noise.alternation", self.alternation, -1.0, 1.0)?;
+        within("noise.shot_recovery_us", self.shot_recovery_us, 0.0, 1e6)
     }
 }
 

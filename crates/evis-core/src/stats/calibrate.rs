@@ -196,19 +196,28 @@ const FIGURES: [Figure; 5] = [
     ("the alternation of polarities", |s| s.alternation.filter(|_| s.pairs >= 100)),
 ];
 
-/// What no part of the model could be fitted to, and a fit is held against: a pixel's noise has no memory but bursts.
+/// What the recovery of shot noise is fitted to, where it is longer than independent events have it.
 const INTERVAL_FIGURE: Figure = ("the median time between a pixel's events, in milliseconds", |s| {
     s.interval_quantiles_us.filter(|_| s.pairs >= 100).map(|quantiles| quantiles[2] * 1e-3)
 });
 
+/// The median time between a pixel's events that is wanted, and that of a simulation with `noise`, where a recovery of shot
+/// noise is what they differ by: leaks are regular by themselves, and bursts that last have intervals of their own.
+fn recovery(noise: &Noise, target: &Stats, got: &Stats) -> Option<(f64, f64)> {
+    let (want, had) = (INTERVAL_FIGURE.1(target)?, INTERVAL_FIGURE.1(got)?);
+    let has_own = noise.leak_hz > 0.0 || noise.burst_longest_us > 0.0;
+    (!has_own && (noise.shot_recovery_us > 0.0 || want > 1.1 * had)).then_some((want, had))
+}
+
 /// Greatest relative difference of the figures that pixels which are not hot decide.
-fn distance(target: &Stats, got: &Stats) -> f64 {
+fn distance(target: &Stats, got: &Stats, noise: &Noise) -> f64 {
     if got.fano.is_none() {
         return f64::INFINITY;
     }
     let of = |(_, of): &Figure| Some((of(got)? / of(target)? - 1.0).abs());
     let hot = |(name, _): &&Figure| *name != HOT_FIGURE;
-    FIGURES.iter().filter(hot).filter_map(of).fold(0.0, f64::max)
+    let median = recovery(noise, target, got).map(|(want, had)| (had / want - 1.0).abs());
+    FIGURES.iter().filter(hot).filter_map(of).chain(median).fold(0.0, f64::max)
 }
 
 /// Rounds without hot pixels first: a handful of them differs too much from draw to draw to be corrected. What the tail
@@ -230,7 +239,7 @@ fn fit(
     for _ in 0..ROUNDS {
         let (_, got) = simulate(guess.noise)?;
         // A tail that is hotter than the recording's hot pixels counts as far away.
-        let apart = distance(target, &got) + if too_hot(target, &got) { 10.0 } else { 0.0 };
+        let apart = distance(target, &got, &guess.noise) + if too_hot(target, &got) { 10.0 } else { 0.0 };
         let next = guess.corrected(target, &got);
         if best.as_ref().is_none_or(|(least, ..)| apart < *least) {
             best = Some((apart, guess.noise, got));
@@ -362,6 +371,10 @@ impl Guess {
         {
             next.alternation = (f64::from(noise.alternation) + want - had).clamp(0.0, 1.0) as f32;
         }
+        if let Some((want_ms, had_ms)) = recovery(&noise, target, got) {
+            let recovery_us = f64::from(noise.shot_recovery_us) + 1e3 * (want_ms - had_ms);
+            next.shot_recovery_us = recovery_us.clamp(0.0, 1e6) as f32;
+        }
         // Pixels' rates differ by this, squared, relative to their mean.
         let squared = (f64::from(noise.shot_spread_decades) * std::f64::consts::LN_10).powi(2).exp() - 1.0;
         let mean = (want.rate_hz * target.duration_s).max(1e-9);
@@ -439,6 +452,11 @@ fn tell(target: &Stats, sensor: &SensorConfig) -> (Vec<Estimate>, Vec<String>) {
             "mean; at most 2000 in the model"
         };
         say("delay within a burst", noise.burst_us.into(), "us", delay);
+    }
+    if noise.shot_recovery_us > 0.0 {
+        let note =
+            "after an event, until shot noise is back; explains the median time between a pixel's events";
+        say("recovery of shot noise", noise.shot_recovery_us.into(), "us", note);
     }
     if let Some(alternation) = target.alternation {
         let note = if noise.alternation >= 0.0 {

@@ -69,7 +69,7 @@ struct ChainSensor {
 // Words of a view: thresholds, slope of the leak, 1 / Y_ref, key, 2 pi cutoff per microsecond, refractory period in
 // microseconds.
 const VIEW_WORDS: u32 = 8u;
-// Words of a candidate in `feed`: time; place and kind; light below which it happens.
+// Words of a candidate in `feed`: time; place, kind and rest in units of 16 us; light below which it happens.
 const CANDIDATE_WORDS: u32 = 3u;
 // A threshold beyond this belongs to a dead pixel, a reference beyond it to a held one.
 const BEYOND: f32 = 1e30;

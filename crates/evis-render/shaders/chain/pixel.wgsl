@@ -102,9 +102,15 @@ fn candidate_time() -> f32 {
 // A candidate's turn; whether it fired.
 fn take_candidate(t: f32, signal: f32) -> bool {
     let kind = candidate_kind;
+    let at = i32(candidate_us);
     let below = bitcast<f32>(feed[candidate + 2u]);
     pass_candidate();
     if (below < BEYOND && light_at(t) >= below) {
+        return false;
+    }
+    // Slow noise needs time after an event.
+    let rest = i32(kind >> 12u) << 4u;
+    if (rest > 0 && at - fired < rest) {
         return false;
     }
     var on = (kind & 64u) != 0u;

@@ -124,7 +124,7 @@ impl ChainPlan {
         let (input, first, second) = (keep(filter != 1 || unknown), keep(filter > 0), keep(two_poles));
         let light = keep(thins || light_latency || (light_bandwidth && (filter > 1 || unknown)));
         let (moved, slope) = (keep(ramp), keep(ramp && noise.leak_jitter > 0.0));
-        let fired = keep(refractory > 0 || alternates);
+        let fired = keep(refractory > 0 || alternates || (shot && noise.shot_recovery_us > 0.0));
         planes = Planes { input, first, second, light, moved, slope, fired, ..planes };
         // Where events do not change what comes after them, their times may be found later.
         let shared = !latch && sensor.times == Times::Shared;
@@ -415,7 +415,9 @@ impl GroupChain {
                     begun = block + 1;
                 }
                 let side = candidate.relative.map_or(0, |other| 2 | (other.as_i16() as u32) << 2);
-                let kind = (candidate.polarity.as_i16() as u32 | side) << 6 | (candidate.cause as u32) << 9;
+                let kind = (candidate.polarity.as_i16() as u32 | side) << 6
+                    | (candidate.cause as u32) << 9
+                    | candidate.rest << 12;
                 words.push((candidate.t_us - base_us) as u32);
                 words.push((x % BLOCK_PIXELS) | kind);
                 words.push(candidate.light_below.clamp(-NEVER, NEVER).to_bits());

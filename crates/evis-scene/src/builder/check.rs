@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use super::camera::EventCamera;
 use crate::error::SceneError;
 use crate::factors::{light_color, within};
-use crate::model::{AlphaMode, Lens, Light, LightKind, Material, Primitive, TextureRef, Trs};
+use crate::model::{AlphaMode, Light, LightKind, Material, Primitive, TextureRef, Trs};
 use crate::motion::{Path, WaveShape, Waveform};
 use crate::rigid_body::{BodyKind, BodyMass, Collider, RigidBody};
 
@@ -146,31 +146,9 @@ pub(super) fn check_body(body: &RigidBody, moves: bool) -> Result<RigidBody, Sce
     Ok(body)
 }
 
-/// Whether a camera may have `lens`.
-///
-/// # Errors
-/// Names the number that is out of range.
-pub fn check_lens(lens: &Lens) -> Result<(), SceneError> {
-    match *lens {
-        Lens::FieldOfView { fov_y } => {
-            let degrees = fov_y.to_degrees();
-            if !(0.01..=179.0).contains(&degrees) {
-                return rule(format!("fov_y_degrees is {degrees}; it takes degrees between 0.01 and 179"));
-            }
-        }
-        Lens::Intrinsics { fx, fy, cx, cy } => {
-            positive("fx", fx, "pixels")?;
-            positive("fy", fy, "pixels")?;
-            finite("cx", cx)?;
-            finite("cy", cy)?;
-        }
-    }
-    Ok(())
-}
-
 pub(crate) fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {
     let check = || {
-        check_lens(&camera.lens)?;
+        camera.lens.check()?;
         if let Some(distortion) = &camera.distortion {
             distortion.check()?;
             if !matches!(camera.lens, Lens::Intrinsics { .. }) {

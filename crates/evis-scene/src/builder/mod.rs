@@ -41,7 +41,6 @@ use crate::rigid_body::Dynamics;
 
 pub use camera::EventCamera;
 pub(crate) use check::check_camera;
-pub use check::check_lens;
 use check::{
     check_body, check_light, check_material, check_primitive, check_trs, finite, finite_vector, in_object,
     not_negative, positive, rule, texture_references,

@@ -407,6 +407,22 @@ fn sensors() -> Vec<(String, SensorConfig)> {
             }),
         ),
         ("bursts", noise(Noise { shot_hz: 50.0, burst_events: 1.0, alternation: 0.9, ..Noise::default() })),
+        (
+            "recovery",
+            noise(Noise { shot_hz: 90.0, shot_recovery_us: 9000.0, burst_events: 0.5, ..Noise::default() }),
+        ),
+        (
+            "recovery in a refractory pixel",
+            SensorConfig {
+                noise: Noise {
+                    shot_hz: 90.0,
+                    shot_recovery_us: 9000.0,
+                    alternation: 0.3,
+                    ..Noise::default()
+                },
+                ..refractory(RefractoryRule::Hold)
+            },
+        ),
         ("hot pixels", noise(Noise { hot_share: 0.1, hot_hz: 900.0, ..Noise::default() })),
         ("suppress", refractory(RefractoryRule::Suppress)),
         ("defer", refractory(RefractoryRule::Defer)),
