@@ -10,7 +10,7 @@ use glam::DVec3;
 
 use crate::error::SceneError;
 use crate::factors::{LightChange, LightFactors, MaterialChange, MaterialFactors, ShadingModel};
-use crate::model::Lens;
+use crate::intrinsics::Lens;
 use crate::steps::Steps;
 use crate::track::{HostPose, Track};
 

@@ -17,39 +17,6 @@ const ACCEPTED: f64 = 1e-10;
 /// Steps of Newton's method at most. It converges quadratically from the radial solution.
 const STEPS: usize = 50;
 
-impl Lens {
-    /// Whether a camera may have it.
-    ///
-    /// # Errors
-    /// Names the number that is out of range.
-    pub fn check(&self) -> Result<(), SceneError> {
-        let rule = |text: String| Err(SceneError::Rule(text));
-        match *self {
-            Self::FieldOfView { fov_y } => {
-                let degrees = fov_y.to_degrees();
-                if !(0.01..=179.0).contains(&degrees) {
-                    return rule(format!(
-                        "fov_y_degrees is {degrees}; it takes degrees between 0.01 and 179"
-                    ));
-                }
-            }
-            Self::Intrinsics { fx, fy, cx, cy } => {
-                for (what, focal) in [("fx", fx), ("fy", fy)] {
-                    if !(focal.is_finite() && focal > 0.0) {
-                        return rule(format!("{what} is {focal}; it takes pixels above 0"));
-                    }
-                }
-                for (what, center) in [("cx", cx), ("cy", cy)] {
-                    if !center.is_finite() {
-                        return rule(format!("{what} is {center}; it takes a finite number"));
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
 /// A lens in pixels: the way from points of camera space to places in the picture, and back.
 pub trait LensModel {
     /// Where the camera shows `point` of its own frame, and how the pixel moves with the point's x, y and z: the three

@@ -20,6 +20,7 @@ pub mod gltf;
 pub mod host_poses;
 pub mod image;
 mod interpolate;
+mod intrinsics;
 pub mod lens;
 pub mod model;
 pub mod motion;

@@ -8,6 +8,7 @@ use half::f16;
 use crate::distortion::Distortion;
 use crate::error::SceneError;
 use crate::factors::{LightFactors, MaterialFactors};
+pub use crate::intrinsics::Lens;
 use crate::motion::{Motion, Waveform};
 use crate::steps::Steps;
 
@@ -340,27 +341,6 @@ impl Light {
     pub const fn factors(&self) -> LightFactors {
         LightFactors { color: self.color, intensity: self.intensity, on: true }
     }
-}
-
-/// How a camera maps directions to pixels.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Lens {
-    /// Vertical field of view in radians; square pixels, centred.
-    FieldOfView {
-        /// Radians.
-        fov_y: f64,
-    },
-    /// Pinhole intrinsics in pixels, for the camera's own width and height.
-    Intrinsics {
-        /// Horizontal focal length.
-        fx: f64,
-        /// Vertical focal length.
-        fy: f64,
-        /// Principal point from the left edge (pixel centres at +0.5).
-        cx: f64,
-        /// Principal point from the top edge.
-        cy: f64,
-    },
 }
 
 /// An event camera on a node, looking along the node's -Z.

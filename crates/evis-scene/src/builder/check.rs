@@ -5,7 +5,7 @@ use glam::{DQuat, DVec3};
 use super::camera::EventCamera;
 use crate::error::SceneError;
 use crate::factors::{light_color, within};
-use crate::model::{AlphaMode, Light, LightKind, Material, Primitive, TextureRef, Trs};
+use crate::model::{AlphaMode, Lens, Light, LightKind, Material, Primitive, TextureRef, Trs};
 use crate::motion::{Path, WaveShape, Waveform};
 use crate::rigid_body::{BodyKind, BodyMass, Collider, RigidBody};
 
