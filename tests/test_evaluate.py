@@ -383,7 +383,7 @@ def test_wrong_arguments_are_named(network: Callable[[str], Path], recording: Pa
     with pytest.raises(FileNotFoundError):
         evaluate.reconstruct(recording, tmp_path / "none.onnx")
     evis.save(tmp_path / "bare.npz", edge())
-    with pytest.raises(evis.ConfigError, match="has no frame or hdr images; record them"):
+    with pytest.raises(evis.ConfigError, match="has no frame or hdr images; record it with"):
         evaluate.reconstruct(tmp_path / "bare.npz", path)
 
 

@@ -204,9 +204,10 @@ def test_what_cannot_be_reset_is_refused_and_changes_nothing(
 def test_what_reaches_beyond_the_present_cannot_be_reset(device: evis.Device) -> None:
     spinner = evis.Scene.builtin("spinner")
     more = {"size": (40, 30), "device": device}
+    exposure = evis.Exposure(time_us=1000, period_us=2000)
     for settings, message in [
         ({"method": "splat"}, "keyframes"),
-        ({"sensor": evis.Sensor(exposure=evis.Exposure(time_us=1000, period_us=2000))}, "exposure"),
+        ({"method": "native", "sensor": evis.Sensor(exposure=exposure)}, "exposure"),
     ]:
         sim = evis.Simulator(spinner, **settings, **more)
         sim.step(10_000)

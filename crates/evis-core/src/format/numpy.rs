@@ -129,7 +129,9 @@ pub fn event([t, x, y, p]: [Option<i64>; 4]) -> Result<Event, String> {
         _ => {
             let word = |value: Option<i64>| value.map_or("beyond 63 bits".into(), |value| value.to_string());
             let [t, x, y, p] = [t, x, y, p].map(word);
-            Err(format!("cannot be: t {t}, x {x}, y {y}, p {p}"))
+            let rule =
+                if polarity.is_none() { "polarities are 1, 0 or -1" } else { "x and y are 0 to 65535" };
+            Err(format!("cannot be: t {t}, x {x}, y {y}, p {p}; {rule}"))
         }
     }
 }

@@ -139,6 +139,20 @@ impl Decoupled {
         self.pictures.as_ref().map_or(Ok(()), Engine::check_reset)
     }
 
+    /// Whether view `view` can have `sensor` from a reset on.
+    ///
+    /// # Errors
+    /// One that is defined on frames where the present one is not, or the other way round: blocks of time are made for it.
+    pub fn check_sensor(&self, view: usize, sensor: &SensorConfig) -> Result<(), ConfigError> {
+        let (on_frames, now) = (sensor.needs_frames(), self.views[view].sensor.needs_frames());
+        let value = match (on_frames, now) {
+            (Some(what), None) => format!("one with {what}, which is defined on frames"),
+            (None, Some(what)) => format!("one without {what}, which is defined on frames"),
+            _ => return Ok(()),
+        };
+        Err(ConfigError::new("sensor", value, "one that is defined on frames if the simulator's own is"))
+    }
+
     /// Resets environments at the present: see [`Engine::reset`].
     ///
     /// # Errors

@@ -110,8 +110,7 @@ impl Source {
     fn check_sensor(&self, view: usize, sensor: &SensorConfig) -> Result<(), ConfigError> {
         match self {
             Self::Sampled(engine) => engine.check_sensor(view, sensor),
-            // It takes any that a host's steps allow.
-            Self::Decoupled(_) => Ok(()),
+            Self::Decoupled(decoupled) => decoupled.check_sensor(view, sensor),
         }
     }
 
@@ -458,7 +457,7 @@ impl Simulator {
                           give environments their own lenses in the scene";
             return Err(ConfigError::new("lenses", format!("for '{name}'"), remedy).into());
         }
-        evis_scene::builder::check_lens(&lens)?;
+        lens.check()?;
         let of_scene = &self.scene.cameras[self.scene.camera(name)?];
         let own = PixelLens::new(&Camera { lens, ..of_scene.clone() }, &self.config);
         if !own.is_usable() {
