@@ -95,8 +95,20 @@ impl Holes {
 
 /// Where cameras and nodes are at some times, in all environments.
 struct Viewpoints {
-    /// Poses of nodes, and cameras: places, pixels per metre at a metre's distance, and near planes.
-    moments: Vec<(Vec<DMat4>, Vec<(DVec3, f64, f64)>)>,
+    moments: Vec<Moment>,
+}
+
+struct Moment {
+    /// Poses of nodes.
+    poses: Vec<DMat4>,
+    cameras: Vec<Viewpoint>,
+}
+
+struct Viewpoint {
+    eye: DVec3,
+    /// Pixels per metre at a metre's distance.
+    focal: f64,
+    near: f64,
 }
 
 impl Viewpoints {
@@ -113,10 +125,10 @@ impl Viewpoints {
                     let camera = scene.camera_in(variant, index, f64::INFINITY)?;
                     let (focal, _) = camera.intrinsics(camera.pixels(size));
                     let eye = state.world_from_node.get(camera.node)?.w_axis.truncate();
-                    Some((eye, focal[0].max(focal[1]), camera.near))
+                    Some(Viewpoint { eye, focal: focal[0].max(focal[1]), near: camera.near })
                 });
                 let cameras = cameras.collect();
-                moments.push((state.world_from_node.clone(), cameras));
+                moments.push(Moment { poses: state.world_from_node.clone(), cameras });
             }
         }
         Self { moments }
@@ -129,11 +141,11 @@ impl Viewpoints {
             (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
         let nodes = || scene.nodes.iter().enumerate().filter(|(_, node)| node.mesh == Some(mesh));
         let mut most = 0.0_f64;
-        for (poses, cameras) in &self.moments {
+        for Moment { poses, cameras } in &self.moments {
             for pose in nodes().filter_map(|(index, _)| poses.get(index)) {
                 let scale = pose.determinant().abs().cbrt();
                 let inverse = pose.inverse();
-                for (eye, focal, near) in cameras {
+                for Viewpoint { eye, focal, near } in cameras {
                     let own = inverse.transform_point3(*eye);
                     let distance = scale * own.distance(own.clamp(low, high));
                     most = most.max(scale * focal / distance.max(*near));

@@ -481,8 +481,14 @@ pub fn luminance_of(
     t_us: f64,
 ) -> Result<Vec<f64>, Error> {
     settings.check()?;
-    let world =
-        World::of_variant(scene, variant, settings.camera, settings.size, &Holes::of(scene, settings.size)?)?;
+    let world = World::of_variant(
+        scene,
+        variant,
+        settings.camera,
+        settings.size,
+        &Holes::of(scene, settings.size)?,
+        &[],
+    )?;
     let mut lighting = Lighting::new(&world, &Shared::new(scene));
     let length_us = world.block_us(settings.block_us);
     let length = length_us as f64;

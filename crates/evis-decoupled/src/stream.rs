@@ -256,13 +256,11 @@ fn follow(
     let start_us = settings.start_us;
     let most_us: Vec<i64> = (0..views.len()).map(|view| settings.of(views, view).most_us()).collect();
     let holes = Holes::of(scene, settings.size)?;
-    let worlds: Vec<World> = views
-        .iter()
-        .map(|v| {
-            let variant = v.variant.and_then(|i| scene.variants.get(i));
-            World::of_variant(scene, variant, v.camera, settings.size, &holes)
-        })
-        .collect::<Result<_, _>>()?;
+    let mut worlds: Vec<World> = Vec::with_capacity(views.len());
+    for v in views {
+        let variant = v.variant.and_then(|i| scene.variants.get(i));
+        worlds.push(World::of_variant(scene, variant, v.camera, settings.size, &holes, &worlds)?);
+    }
     let shared = Shared::new(scene);
     let mut lightings: Vec<Lighting> = worlds.iter().map(|world| Lighting::new(world, &shared)).collect();
     let mut blocks: Vec<Blocks> = worlds

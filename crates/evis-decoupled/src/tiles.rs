@@ -356,8 +356,9 @@ fn homography(points: &[(DVec2, DVec2)]) -> Option<DMat3> {
         }
         for i in (0..8).filter(|i| *i != k) {
             let factor = normal[i][k] / normal[k][k];
-            for j in k..9 {
-                normal[i][j] -= factor * normal[k][j];
+            let pivot = normal[k];
+            for (to, of) in normal[i].iter_mut().zip(pivot).skip(k) {
+                *to -= factor * of;
             }
         }
     }

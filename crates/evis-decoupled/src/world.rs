@@ -101,10 +101,11 @@ impl<'a> World<'a> {
     /// # Errors
     /// A camera that does not exist, or whose lens, size or pose cannot be used.
     pub fn new(scene: &'a Scene, camera: usize, size: Option<(u32, u32)>) -> Result<Self, Error> {
-        Self::of_variant(scene, None, camera, size, &Holes::of(scene, size)?)
+        Self::of_variant(scene, None, camera, size, &Holes::of(scene, size)?, &[])
     }
 
-    /// As [`World::new`], in one of the scene's environments; `holes` are of the scene.
+    /// As [`World::new`], in one of the scene's environments; `holes` are of the scene. What is prepared for a lens is taken from
+    /// `others` that have it.
     ///
     /// # Errors
     /// As [`World::new`].
@@ -114,10 +115,14 @@ impl<'a> World<'a> {
         camera: usize,
         size: Option<(u32, u32)>,
         holes: &Arc<Holes>,
+        others: &[Self],
     ) -> Result<Self, Error> {
         let lens = PixelLens::new(scene, variant, camera, size, f64::INFINITY)?;
         let moving_nodes = moving_nodes(scene);
-        let tiles = LensTiles::new(scene, variant, camera, &lens)?.map(Arc::new);
+        let tiles = match others.iter().find(|other| other.camera == camera && other.lens == lens) {
+            Some(other) => other.tiles.clone(),
+            None => LensTiles::new(scene, variant, camera, &lens)?.map(Arc::new),
+        };
         let mut world = Self {
             scene,
             variant,

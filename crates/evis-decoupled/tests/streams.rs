@@ -255,7 +255,7 @@ fn pixels_that_begin_anew_fire_nothing_of_a_jump() {
 /// Noise, bandwidth, a refractory period and a bus, often enough to be seen.
 fn real() -> SensorConfig {
     let mut sensor = SensorConfig::preset("dvxplorer-like").unwrap();
-    sensor.noise.shot_hz = 5.0;
+    sensor.noise.shot_hz = 9.0;
     sensor.noise.leak_hz = 1.0;
     sensor
 }
