@@ -256,6 +256,7 @@ fn pixels_that_begin_anew_fire_nothing_of_a_jump() {
 fn real() -> SensorConfig {
     let mut sensor = SensorConfig::preset("dvxplorer-like").unwrap();
     sensor.noise.shot_hz = 9.0;
+    sensor.noise.shot_recovery_us = 20_000.0;
     sensor.noise.leak_hz = 1.0;
     sensor
 }
