@@ -32,8 +32,9 @@ const MOST_PLACES: u32 = 2048;
 /// Times at which is seen how near cameras come, and over how many seconds in scenes without an end.
 const TIMES: u32 = 5;
 const SECONDS: f64 = 1.0;
-/// Holes and specks of less than this many texels are left out.
+/// Holes and specks of less than this many texels, or less than this part of their facet, are left out.
 const LEAST_AREA: f64 = 0.02;
+const LEAST_PART: f64 = 1e-3;
 /// Corners that a scene's outlines have at most, and triangles.
 const MOST_CORNERS: usize = 1 << 22;
 const MOST_PIECES: usize = 1 << 20;
@@ -72,7 +73,7 @@ impl Holes {
                 if skinned && primitive.joints.is_some() {
                     return refuse("holes (alpha mask) in a mesh with a skeleton");
                 }
-                let room = MOST_PIECES - pieces;
+                let room = MOST_PIECES.saturating_sub(pieces);
                 let viewpoints = viewpoints.get_or_insert_with(|| Viewpoints::new(scene, size));
                 let per_metre = viewpoints.pixels_per_metre(scene, index, primitive);
                 match cut(scene, primitive, material, (f64::from(cutoff), per_metre), &mut outlines, room) {
@@ -361,13 +362,15 @@ fn cut(
         }
         let shapes = rings.overlay(&own.outline, OverlayRule::Intersect, FillRule::NonZero);
         let left: f64 = shapes.iter().flatten().map(|ring| area(ring)).sum::<f64>().abs();
-        if (left - area(&own.outline).abs()).abs() < LEAST_AREA {
+        let whole = area(&own.outline).abs();
+        let least = LEAST_AREA.min(LEAST_PART * whole);
+        if (left - whole).abs() < least {
             out.keep(facet);
             continue;
         }
         let large: Vec<Vec<Ring>> = shapes
             .into_iter()
-            .map(|shape| shape.into_iter().filter(|r| area(r).abs() > LEAST_AREA).collect::<Vec<_>>())
+            .map(|shape| shape.into_iter().filter(|r| area(r).abs() > least).collect::<Vec<_>>())
             .filter(|shape: &Vec<Ring>| !shape.is_empty())
             .collect();
         let mesh = large.triangulate().to_triangulation::<u32>();

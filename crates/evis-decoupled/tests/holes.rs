@@ -159,6 +159,41 @@ fn what_is_whole_stays_and_what_is_transparent_goes() {
     }
 }
 
+/// However small a facet is on the texture.
+#[test]
+fn facets_of_less_than_a_texel_have_their_holes() {
+    let mut fine = scene(WRAPS[0], 1.0, 0.5);
+    let cells = 96_u32;
+    let place = |k: u32| [k % (cells + 1), k / (cells + 1)].map(|v| v as f32 / cells as f32);
+    let corners = (cells + 1) * (cells + 1);
+    let at = |k: u32| k / cells * (cells + 1) + k % cells;
+    let quads = (0..cells * cells).map(at);
+    let primitive = &mut fine.meshes[0].primitives[0];
+    primitive.positions =
+        (0..corners).map(|k| place(k).map(|v| 1.6 * v - 0.8)).map(|[x, y]| [x, -y, 0.0]).collect();
+    primitive.normals = vec![[0.0, 0.0, 1.0]; corners as usize];
+    primitive.tangents = None;
+    primitive.uvs = [Some((0..corners).map(|k| place(k).map(|v| 0.2 * v)).collect()), None];
+    primitive.indices =
+        quads.flat_map(|a| [a, a + cells + 1, a + 1, a + 1, a + cells + 1, a + cells + 2]).collect();
+    // The first eighth of the texture is transparent.
+    for (k, texel) in fine.images[0].texels.iter_mut().enumerate() {
+        texel[3] = f16::from_f32(if k as u32 % TEXELS < TEXELS / 8 { 0.0 } else { 1.0 });
+    }
+    fine.materials[0].base_color_texture.as_mut().unwrap().transform = [1.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let holes = Holes::of(&fine, None).unwrap();
+    let cut = holes.primitive(&fine, 0, 0);
+    let area: f32 = (cut.indices.as_chunks::<3>().0.iter())
+        .map(|t| {
+            let [a, b, c] = t.map(|k| glam::Vec3::from_array(cut.positions[k as usize]));
+            0.5 * (b - a).cross(c - a).length()
+        })
+        .sum();
+    // The border lies at 3 texels of the card's 4.8.
+    let expected = 1.6 * 1.6 * (1.0 - 3.0 / 4.8);
+    assert!((area - expected).abs() < 0.01 * expected, "{area} for {expected}");
+}
+
 /// A fence of which the texture repeats a million times has more pieces than fit.
 #[test]
 fn holes_beyond_number_are_refused() {
