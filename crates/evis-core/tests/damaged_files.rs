@@ -3,31 +3,23 @@
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
 mod common;
+#[path = "common/promised.rs"]
+mod promised;
 #[path = "common/watched.rs"]
 mod watched;
 
 use std::sync::atomic::Ordering;
 
 use common::damage::{Damage, Folder, replace};
-use evis_core::event::MOST_T_US;
 use evis_core::format::EventFile;
 use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, Event, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
+use promised::check;
 use watched::{LARGEST, LIMIT, within_the_limit};
 
 fn events(count: i64) -> Vec<Event> {
     let polarity = |i: i64| if i % 3 == 0 { Polarity::Off } else { Polarity::On };
     (0..count).map(|i| Event::new(i * 37, (i * 7 % 40) as u16, (i * 5 % 30) as u16, polarity(i))).collect()
-}
-
-/// What every reader promises of events.
-fn check(file: &EventFile) {
-    let (width, height) = file.size;
-    assert!(file.events.is_sorted_by_key(|e| e.t));
-    for e in &file.events {
-        assert!(u32::from(e.x) < width && u32::from(e.y) < height && (0..=1).contains(&e.p), "{e:?}");
-        assert!((-MOST_T_US..=MOST_T_US).contains(&e.t), "{e:?}");
-    }
 }
 
 fn recording(path: &std::path::Path) {

@@ -4,8 +4,12 @@
 
 use evis_decoupled::{Settings, simulate};
 use evis_scene::motion::{Harmonic, Path, WaveShape, Waveform};
-use evis_scene::{Camera, Lens, Material, Mesh, Motion, Node, Scene, ShadingModel, Trs};
+use evis_scene::{Lens, Material, Mesh, Motion, Node, Scene, ShadingModel, Trs};
 use glam::DVec3;
+
+mod common;
+
+use common::camera;
 
 /// A grey card before a camera, `path` moves it.
 fn card(waveform: Option<Waveform>, path: Option<Path>) -> Scene {
@@ -27,18 +31,7 @@ fn card(waveform: Option<Waveform>, path: Option<Path>) -> Scene {
     scene.add_node(Node { mesh: Some(0), motion, ..Node::default() });
     let node = scene.add_node(Node::default());
     let lens = Lens::FieldOfView { fov_y: 0.8 };
-    scene.cameras.push(Camera {
-        name: "eye".into(),
-        node,
-        lens,
-        width: None,
-        height: None,
-        aspect: None,
-        near: 0.05,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
-    });
+    scene.cameras.push(camera(node, lens));
     scene
 }
 

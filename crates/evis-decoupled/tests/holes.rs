@@ -2,14 +2,13 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-use evis_core::metric::{ScoreSettings, score};
 use evis_decoupled::holes::Holes;
-use evis_decoupled::{Settings, luminance, simulate};
+use evis_decoupled::{Settings, luminance};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    AlphaMode, Camera, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, Texture,
-    TextureRef, Trs, Wrap,
+    AlphaMode, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, Texture, TextureRef, Trs,
+    Wrap,
 };
 use evis_truth::{PixelChoice, TruthSettings, truth};
 use glam::{DQuat, DVec3};
@@ -17,7 +16,7 @@ use half::f16;
 
 mod common;
 
-use common::{exact, noise, off};
+use common::{camera, exact, f1, light, noise, off};
 
 const SIZE: (u32, u32) = (48, 36);
 const TEXELS: u32 = 24;
@@ -61,30 +60,11 @@ fn scene(wraps: [Wrap; 2], uv_scale: f32, cutoff: f32) -> Scene {
     scene.add_node(Node { mesh: Some(0), motion: Motion::Path(path.into()), ..Node::default() });
     let wall = Trs { translation: DVec3::new(0.0, 0.0, -4.0), ..Trs::default() }.matrix();
     scene.add_node(Node { mesh: Some(1), motion: Motion::Fixed(wall), ..Node::default() });
-    scene.lights.push(Light {
-        kind: LightKind::Directional,
-        casts_shadow: true,
-        intensity: 2.0,
-        color: [1.0, 0.9, 0.8],
-        name: String::new(),
-        range: None,
-        waveform: None,
-    });
+    scene.lights.push(light(LightKind::Directional, true, 2.0));
     let turn = Trs { rotation: DQuat::from_euler(glam::EulerRot::YXZ, 0.3, -0.35, 0.0), ..Trs::default() };
     scene.add_node(Node { light: Some(0), motion: Motion::Fixed(turn.matrix()), ..Node::default() });
     let node = scene.add_node(Node::default());
-    scene.cameras.push(Camera {
-        name: "camera".into(),
-        node,
-        lens: Lens::FieldOfView { fov_y: 0.6 },
-        width: None,
-        height: None,
-        aspect: None,
-        near: 0.05,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
-    });
+    scene.cameras.push(camera(node, Lens::FieldOfView { fov_y: 0.6 }));
     scene
 }
 
@@ -118,15 +98,8 @@ fn what_has_holes_fires_as_rays_say() {
     let asked =
         TruthSettings { size, duration_us, pixels: PixelChoice::Count(400), ..TruthSettings::default() };
     let truth = truth(&scene, &asked, &|_| true).unwrap();
-    let f1 = |scene: &Scene| {
-        let reference_luminance = Some(truth.reference_luminance);
-        let settings = Settings { size, duration_us, reference_luminance, ..Settings::default() };
-        let events = simulate(scene, &settings).unwrap().events;
-        let found = score(&events, &truth, &ScoreSettings::default()).unwrap();
-        (found.at(1000).unwrap().scaled.f1, events.len())
-    };
-    let (found, count) = f1(&scene);
-    let (canary, _) = f1(&without_mask(&scene));
+    let (found, count) = f1(&scene, &asked, &truth);
+    let (canary, _) = f1(&without_mask(&scene), &asked, &truth);
     println!("F1 {found:.4} of {count} events, {canary:.4} without holes");
     assert!(found > 0.95 && count > 1000, "{found:.4} of {count}");
     assert!(canary < 0.7, "canary: {canary:.4}");

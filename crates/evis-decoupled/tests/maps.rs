@@ -2,14 +2,12 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-use evis_core::metric::{ScoreSettings, score};
-use evis_decoupled::{Settings, luminance, simulate};
+use evis_decoupled::{Settings, luminance};
 use evis_scene::environment::Environment;
 use evis_scene::motion::{Path, WaveShape, Waveform};
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    Camera, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, ShadingModel, Texture,
-    TextureRef, Trs, Wrap,
+    Image, Lens, LightKind, Material, Mesh, Motion, Node, Scene, ShadingModel, Texture, TextureRef, Trs, Wrap,
 };
 use evis_truth::{PixelChoice, TruthSettings, truth};
 use glam::{DQuat, DVec3};
@@ -17,7 +15,7 @@ use half::f16;
 
 mod common;
 
-use common::{exact, noise, off};
+use common::{camera, exact, f1, light, noise, off};
 
 const SIZE: (u32, u32) = (32, 24);
 const TEXELS: u32 = 48;
@@ -86,33 +84,14 @@ fn scene(model: ShadingModel, waveform: Option<Waveform>) -> Scene {
         (LightKind::Directional, true, DVec3::ZERO, 2.0),
         (LightKind::Point, false, DVec3::new(1.0, 1.0, -1.0), 1.5),
     ] {
-        let light = Some(scene.lights.len());
-        scene.lights.push(Light {
-            kind,
-            casts_shadow,
-            intensity,
-            color: [1.0, 0.9, 0.8],
-            name: String::new(),
-            range: None,
-            waveform: None,
-        });
+        let number = Some(scene.lights.len());
+        scene.lights.push(light(kind, casts_shadow, intensity));
         let turn = DQuat::from_euler(glam::EulerRot::YXZ, 0.6, -0.7, 0.0);
         let pose = Trs { translation: place, rotation: turn, ..Trs::default() }.matrix();
-        scene.add_node(Node { light, motion: Motion::Fixed(pose), ..Node::default() });
+        scene.add_node(Node { light: number, motion: Motion::Fixed(pose), ..Node::default() });
     }
     let node = scene.add_node(Node::default());
-    scene.cameras.push(Camera {
-        name: "camera".into(),
-        node,
-        lens: Lens::FieldOfView { fov_y: 0.7 },
-        width: None,
-        height: None,
-        aspect: None,
-        near: 0.05,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
-    });
+    scene.cameras.push(camera(node, Lens::FieldOfView { fov_y: 0.7 }));
     scene
 }
 
@@ -150,17 +129,10 @@ fn mapped_surfaces_fire_as_rays_say() {
     let asked =
         TruthSettings { size, duration_us, pixels: PixelChoice::Count(250), ..TruthSettings::default() };
     let truth = truth(&scene, &asked, &|_| true).unwrap();
-    let f1 = |scene: &Scene| {
-        let reference_luminance = Some(truth.reference_luminance);
-        let settings = Settings { size, duration_us, reference_luminance, ..Settings::default() };
-        let events = simulate(scene, &settings).unwrap().events;
-        let found = score(&events, &truth, &ScoreSettings::default()).unwrap();
-        (found.at(1000).unwrap().scaled.f1, events.len())
-    };
-    let (found, count) = f1(&scene);
+    let (found, count) = f1(&scene, &asked, &truth);
     let mut plain = scene.clone();
     (plain.materials[0].normal_texture, plain.materials[0].occlusion_texture) = (None, None);
-    let (canary, _) = f1(&plain);
+    let (canary, _) = f1(&plain, &asked, &truth);
     println!("F1 {found:.4} of {count} events, {canary:.4} without two maps");
     assert!(found > 0.92 && count > 1000, "{found:.4} of {count}");
     assert!(canary < found - 0.1, "canary: {canary:.4}");

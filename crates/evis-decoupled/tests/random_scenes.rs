@@ -8,8 +8,12 @@ use evis_decoupled::tiles::TILE;
 use evis_decoupled::world::World;
 use evis_decoupled::{Settings, luminance, simulate};
 use evis_scene::motion::Path;
-use evis_scene::{Camera, Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs};
+use evis_scene::{Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs};
 use glam::{DQuat, DVec3};
+
+mod common;
+
+use common::camera;
 
 const SIZE: [usize; 2] = [40, 32];
 
@@ -50,20 +54,9 @@ fn scene(seed: u64, count: usize, motion: f64) -> Scene {
             },
         ])))
     };
-    let camera = spin(&mut dice, DVec3::ZERO, 0.5);
-    let node = scene.add_node(Node { motion: camera, ..Node::default() });
-    scene.cameras.push(Camera {
-        name: "camera".into(),
-        node,
-        lens: Lens::FieldOfView { fov_y: 0.9 },
-        width: None,
-        height: None,
-        aspect: None,
-        near: 0.05,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
-    });
+    let turning = spin(&mut dice, DVec3::ZERO, 0.5);
+    let node = scene.add_node(Node { motion: turning, ..Node::default() });
+    scene.cameras.push(camera(node, Lens::FieldOfView { fov_y: 0.9 }));
     for i in 0..count {
         let luminance = (dice.between(-2.0, 1.5)).exp() as f32;
         scene.materials.push(Material {

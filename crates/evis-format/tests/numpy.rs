@@ -4,6 +4,8 @@
 
 #[path = "../../evis-core/tests/common/damage.rs"]
 mod damage;
+#[path = "../../evis-core/tests/common/promised.rs"]
+mod promised;
 #[path = "../../evis-core/tests/common/watched.rs"]
 mod watched;
 
@@ -15,6 +17,7 @@ use evis_core::event::MOST_T_US;
 use evis_core::stats::stats;
 use evis_core::{Event, Polarity};
 use evis_format::{EventFile, read_events};
+use promised::check;
 use watched::within_the_limit;
 use zip::write::SimpleFileOptions;
 use zip::{CompressionMethod, ZipWriter};
@@ -61,16 +64,6 @@ fn zip(files: &[(&str, Vec<u8>)], deflated: bool) -> Vec<u8> {
         archive.write_all(data).unwrap();
     }
     archive.finish().unwrap().into_inner()
-}
-
-/// What every reader promises of events.
-fn check(file: &EventFile) {
-    let (width, height) = file.size;
-    assert!(file.events.is_sorted_by_key(|e| e.t));
-    for e in &file.events {
-        assert!(u32::from(e.x) < width && u32::from(e.y) < height && (0..=1).contains(&e.p), "{e:?}");
-        assert!((-MOST_T_US..=MOST_T_US).contains(&e.t), "{e:?}");
-    }
 }
 
 #[test]

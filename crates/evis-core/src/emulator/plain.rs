@@ -89,7 +89,7 @@ pub(super) struct Sink<'a> {
     pub tally: &'a mut Tally,
     pub records: &'a mut Vec<Record>,
     pub causes: Option<&'a mut Vec<Cause>>,
-    /// Pixels whose leak's jitter is drawn anew at the interval's end; `None` where there is no jitter.
+    /// Pixels whose leak's jitter is drawn again at the interval's end; `None` where there is no jitter.
     pub moved_last: Option<&'a mut Vec<u32>>,
 }
 

@@ -1,4 +1,4 @@
-//! The memory that a test may ask for, and the largest block that it asked for.
+//! The memory that a test may allocate, and the largest block that it allocated.
 
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::Mutex;

@@ -1,11 +1,15 @@
 //! Pictures by rays, and numbers that look random.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+#![allow(dead_code, reason = "each test takes what it needs")]
 
+use evis_core::Truth;
+use evis_core::metric::{ScoreSettings, score};
 use evis_decoupled::world::World;
-use evis_scene::{Scene, SceneState};
-use evis_truth::Lattice;
+use evis_decoupled::{Settings, simulate};
+use evis_scene::{Camera, Lens, Light, LightKind, Scene, SceneState};
 use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
+use evis_truth::{Lattice, TruthSettings};
 
 /// Numbers in [0, 1) by place.
 pub fn noise(channel: u32, x: u32, y: u32) -> f32 {
@@ -44,4 +48,44 @@ pub fn exact(scene: &Scene, size: (u32, u32), t_us: f64) -> Vec<f64> {
 pub fn off(found: &[f64], exact: &[f64]) -> f64 {
     let squares = found.iter().zip(exact).map(|(f, e)| (f + 1e-3).ln() - (e + 1e-3).ln()).map(|v| v * v);
     (squares.sum::<f64>() / found.len() as f64).sqrt()
+}
+
+/// A camera of the run's size and sensor.
+pub fn camera(node: usize, lens: Lens) -> Camera {
+    Camera {
+        name: "camera".into(),
+        node,
+        lens,
+        width: None,
+        height: None,
+        aspect: None,
+        near: 0.05,
+        threshold_on: None,
+        threshold_off: None,
+        sensor: None,
+    }
+}
+
+/// A steady light without a range.
+pub fn light(kind: LightKind, casts_shadow: bool, intensity: f32) -> Light {
+    Light {
+        kind,
+        casts_shadow,
+        intensity,
+        color: [1.0, 0.9, 0.8],
+        name: String::new(),
+        range: None,
+        waveform: None,
+    }
+}
+
+/// F1 within 1 ms, scaled, of what `scene` makes an ideal sensor fire, against a truth of these settings; and how many events
+/// that are.
+pub fn f1(scene: &Scene, asked: &TruthSettings, truth: &Truth) -> (f64, usize) {
+    let reference_luminance = Some(truth.reference_luminance);
+    let (size, duration_us) = (asked.size, asked.duration_us);
+    let settings = Settings { size, duration_us, reference_luminance, ..Settings::default() };
+    let events = simulate(scene, &settings).unwrap().events;
+    let found = score(&events, truth, &ScoreSettings::default()).unwrap();
+    (found.at(1000).unwrap().scaled.f1, events.len())
 }
