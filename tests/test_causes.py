@@ -12,8 +12,8 @@ import evis
 
 SIZE = (64, 48)
 NOISY = evis.Sensor(
-    noise=evis.Noise(leak_hz=30.0, shot_hz=6.0, hot_share=0.01, hot_hz=40.0),
-    refractory=evis.Refractory(period_us=100),
+    noise=evis.sensors.Noise(leak_hz=30.0, shot_hz=6.0, hot_share=0.01, hot_hz=40.0),
+    refractory=evis.sensors.Refractory(period_us=100),
 )
 
 
@@ -24,7 +24,7 @@ def count(causes: np.ndarray) -> dict[str, int]:
 def test_still_light_fires_by_noise_alone_and_moving_light_without_noise_by_light_alone() -> None:
     still = np.full((SIZE[1], SIZE[0]), 0.3, np.float32)
     for law in ("ramp", "poisson"):
-        noise = evis.Noise(leak_hz=8.0, leak_law=law, shot_hz=6.0, hot_share=0.01, hot_hz=40.0)
+        noise = evis.sensors.Noise(leak_hz=8.0, leak_law=law, shot_hz=6.0, hot_share=0.01, hot_hz=40.0)
         emulator = evis.EventEmulator(*SIZE, evis.Sensor(noise=noise), labels=["cause"], seed=1)
         plain = evis.EventEmulator(*SIZE, evis.Sensor(noise=noise), seed=1)
         found = np.zeros(4, np.int64)
@@ -50,7 +50,7 @@ def test_still_light_fires_by_noise_alone_and_moving_light_without_noise_by_ligh
 
 
 def test_readout_and_batches_keep_causes_with_their_events() -> None:
-    sensor = evis.Sensor(noise=NOISY.noise, readout=evis.Readout(latency_us=50.0, jitter_us=200.0))
+    sensor = evis.Sensor(noise=NOISY.noise, readout=evis.sensors.Readout(latency_us=50.0, jitter_us=200.0))
     emulator = evis.EventEmulator(*SIZE, sensor, batch=2, labels=["cause"], seed=3)
     light = np.full((2, SIZE[1], SIZE[0]), 0.3, np.float32)
     for k in range(6):

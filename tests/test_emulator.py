@@ -182,12 +182,12 @@ def test_presets_survive_toml_pickle_and_saved_state(name: str, tmp_path: Path) 
 
 
 def test_pixels_may_see_frames_of_light() -> None:
-    exposure = evis.Exposure(time_us=20_000, period_us=33_333)
+    exposure = evis.sensors.Exposure(time_us=20_000, period_us=33_333)
     sensor = evis.Sensor(exposure=exposure)
     assert evis.Sensor.from_toml(sensor.to_toml()) == sensor
     assert not sensor.thresholds_only
     for preset in evis.Sensor.presets():
-        assert evis.Sensor.preset(preset).exposure == evis.Exposure()
+        assert evis.Sensor.preset(preset).exposure == evis.sensors.Exposure()
 
     def lamp(emulator: evis.EventEmulator[evis.EventArray], hertz: float) -> int:
         light = (0.5 + 0.4 * np.sin(2 * np.pi * hertz * 1e-3 * k) for k in range(400))
@@ -198,7 +198,7 @@ def test_pixels_may_see_frames_of_light() -> None:
     assert lamp(evis.EventEmulator(4, 3, sensor), 13.0) > 50
     assert lamp(evis.EventEmulator(4, 3), 100.0) > 1000
 
-    short = evis.Sensor(exposure=evis.Exposure(time_us=2_500, period_us=3_300))
+    short = evis.Sensor(exposure=evis.sensors.Exposure(time_us=2_500, period_us=3_300))
     whole = run(evis.EventEmulator(40, 30, short), 120)
     half = evis.EventEmulator(40, 30, short)
     first = run(half, 50)
@@ -221,7 +221,7 @@ def test_samples_are_drawn_within_their_ranges() -> None:
 
 def test_noise_of_the_photoreceptor_fires_as_often_as_asked() -> None:
     for order in (1, 2):
-        quiet = evis.Sensor(photoreceptor=evis.Photoreceptor(cutoff_hz=200, order=order))
+        quiet = evis.Sensor(photoreceptor=evis.sensors.Photoreceptor(cutoff_hz=200, order=order))
         noise = quiet.photoreceptor_noise_for(5.0)
         sensor = quiet.sample({"photoreceptor.noise": (noise, noise)}, 0)
         assert sensor.photoreceptor.noise == pytest.approx(noise)
@@ -246,7 +246,8 @@ def test_noise_of_the_photoreceptor_fires_as_often_as_asked() -> None:
 
 def test_what_is_probably_not_meant_is_warned_of() -> None:
     sensor = evis.Sensor(
-        photoreceptor=evis.Photoreceptor(cutoff_hz=100), readout=evis.Readout(latency_light_us=10)
+        photoreceptor=evis.sensors.Photoreceptor(cutoff_hz=100),
+        readout=evis.sensors.Readout(latency_light_us=10),
     )
     with pytest.warns(UserWarning, match="twice"):
         evis.EventEmulator(2, 2, sensor)
@@ -271,7 +272,7 @@ def test_a_scenes_cameras_bring_their_sensor(tmp_path: Path) -> None:
     size = [8, 6]
     sensor = "sensors/own.toml"
     """
-    own = evis.Sensor(threshold_on=0.31, noise=evis.Noise(shot_hz=3.0))
+    own = evis.Sensor(threshold_on=0.31, noise=evis.sensors.Noise(shot_hz=3.0))
     assert evis.Sensor.from_toml(own.to_toml()) == own
     (tmp_path / "sensors").mkdir()
     (tmp_path / "sensors" / "own.toml").write_text(own.to_toml())
@@ -372,17 +373,22 @@ BAD_SETTINGS: list[tuple[Callable[[], Any], str]] = [
     (lambda: evis.EventEmulator(3, 3, evis.Sensor(threshold_off=float("nan"))), "threshold_off"),
     (lambda: evis.EventEmulator(3, 3, evis.Sensor(trigger="lach")), "lach"),  # type: ignore[arg-type]
     (
-        lambda: evis.EventEmulator(3, 3, evis.Sensor(photoreceptor=evis.Photoreceptor(cutoff_hz=1e6))),
+        lambda: evis.EventEmulator(
+            3, 3, evis.Sensor(photoreceptor=evis.sensors.Photoreceptor(cutoff_hz=1e6))
+        ),
         "cutoff_hz is 1000000.*Nyquist",
     ),
-    (lambda: evis.EventEmulator(3, 3, evis.Sensor(noise=evis.Noise(shot_hz=-1.0))), "shot_hz is -1"),
+    (lambda: evis.EventEmulator(3, 3, evis.Sensor(noise=evis.sensors.Noise(shot_hz=-1.0))), "shot_hz is -1"),
     (
-        lambda: evis.EventEmulator(3, 3, evis.Sensor(photoreceptor=evis.Photoreceptor(noise=0.1))),
+        lambda: evis.EventEmulator(3, 3, evis.Sensor(photoreceptor=evis.sensors.Photoreceptor(noise=0.1))),
         "photoreceptor.noise is 0.1.*cutoff_hz",
     ),
     (lambda: evis.Sensor.from_toml("threshold_on = 0"), "threshold_on"),
-    (lambda: evis.Sensor(exposure=evis.Exposure(period_us=5)).check(), "exposure.time_us is 0"),
-    (lambda: evis.Sensor(exposure=evis.Exposure(time_us=5, period_us=4)).check(), "exposure.period_us is 4"),
+    (lambda: evis.Sensor(exposure=evis.sensors.Exposure(period_us=5)).check(), "exposure.time_us is 0"),
+    (
+        lambda: evis.Sensor(exposure=evis.sensors.Exposure(time_us=5, period_us=4)).check(),
+        "exposure.period_us is 4",
+    ),
     (lambda: evis.Sensor.from_toml("noise = 3\nx = ["), "TOML"),
 ]
 

@@ -42,8 +42,8 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: E.Simulator(None), "scene is None; it must be an evis.Scene"),
     (lambda: E.Simulator("spinner", cameras=[evis.EventCamera(name="a")]), "scene is 'spinner'"),
     (lambda: E.chart("spinner"), "scene is 'spinner'"),
-    (lambda: E.verify_scene("spinner"), "scene is 'spinner'"),
-    (lambda: E.verify_light("spinner"), "scene is 'spinner'"),
+    (lambda: E.measure.verify_scene("spinner"), "scene is 'spinner'"),
+    (lambda: E.measure.verify_light("spinner"), "scene is 'spinner'"),
     (lambda: E.Scene.builtin("spinner", seed=1.5), "seed is 1.5; it must be a whole number"),
     (lambda: SPINNER.with_cameras(["a"]), "cameras has 'a'; it must hold evis.EventCamera"),
     (lambda: SPINNER.with_cameras([E.EventCamera(name="a", pose=3)]), "pose of 'a' is 3; .*Placement"),
@@ -52,16 +52,16 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: simulator(sensor=3), "sensor is 3; it must be an evis.Sensor, or the name of a preset"),
     (lambda: emulator(8, 8, 3), "sensor is 3; it must be an evis.Sensor"),
     (lambda: E.chart(SPINNER, sensor="ideal"), "sensor is 'ideal'; it must be an evis.Sensor"),
-    (lambda: E.static_scene(3, 8, 8, duration=1), "sensor is 3"),
+    (lambda: E.measure.static_scene(3, 8, 8, duration=1), "sensor is 3"),
     (lambda: E.video("a.npy", "a.h5", sensor=3), "sensor is 3"),
     (lambda: E.Truth.from_events(NO_EVENTS, size=(8, 8), sensor=3), "sensor is 3"),
-    (lambda: E.Sensor(diffusion=3).check(), "diffusion is 3; it must be an evis.Diffusion, or None"),
+    (lambda: E.Sensor(diffusion=3).check(), "diffusion is 3; it must be an evis.sensors.Diffusion, or None"),
     (lambda: E.Sensor(threshold_on="x").check(), "threshold_on is 'x'; it must be a number"),
     (lambda: E.Sensor(trigger=3).check(), "trigger is 3; it must be 'crossing' or 'latch'"),
-    (lambda: E.Sensor(noise=E.Noise(shot_hz=None)).check(), "noise.shot_hz is None"),
+    (lambda: E.Sensor(noise=E.sensors.Noise(shot_hz=None)).check(), "noise.shot_hz is None"),
     (lambda: E.Sensor(most_events=-1).check(), "most_events is -1; it must not be negative"),
     (lambda: E.Sensor(most_events=2**40).check(), r"most_events is 1099511627776; .*below 2\*\*32"),
-    (lambda: E.Sensor(refractory=E.Refractory(period_us=1.5)).check(), "refractory.period_us is 1.5"),
+    (lambda: E.Sensor(refractory=E.sensors.Refractory(period_us=1.5)).check(), "refractory.period_us is 1.5"),
     # Sizes.
     (lambda: simulator(size="64x48"), r"size is '64x48'; it must be width and height.*\(640, 480\)"),
     (lambda: simulator(size="64"), "size is '64'; it must be width and height"),
@@ -125,14 +125,15 @@ def test_mistakes_name_the_argument_the_value_and_the_remedy(make: Callable[[], 
 
 @pytest.mark.parametrize("stage", ["exposure", "photoreceptor", "pattern", "noise", "refractory", "readout"])
 def test_stages_of_a_sensor_are_what_they_are_called(stage: str):
-    with pytest.raises(evis.ConfigError, match=f"^{stage} is 3; it must be an evis.{stage.capitalize()}$"):
+    with pytest.raises(evis.ConfigError, match=f"^{stage} is 3; it must be an evis.sensors.{stage.capitalize()}$"):
         E.Sensor(**{stage: 3}).check()
 
 
 def test_numbers_of_numpy_are_numbers():
-    sensor = E.Sensor(threshold_on=np.float32(0.25), refractory=E.Refractory(period_us=np.int64(5)))
+    sensor = E.Sensor(threshold_on=np.float32(0.25), refractory=E.sensors.Refractory(period_us=np.int64(5)))
     assert (
-        sensor.to_toml() == evis.Sensor(threshold_on=0.25, refractory=evis.Refractory(period_us=5)).to_toml()
+        sensor.to_toml()
+        == evis.Sensor(threshold_on=0.25, refractory=evis.sensors.Refractory(period_us=5)).to_toml()
     )
     keyframe(warp=E.Warp(steps=np.int64(4), step_px=np.float32(0.5), detect_cuts=np.bool_(True)))
     emulator(np.int64(4), np.uint8(3), batch=np.int32(2)).reset(np.array([0, 1]))

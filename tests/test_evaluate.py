@@ -126,7 +126,7 @@ def network(network_files: Callable[[type], Callable[[str], Path]]) -> Callable[
 def recording(device: evis.Device, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two cameras, 100 mm apart, on a scene that moves, with labels."""
     path = tmp_path_factory.mktemp("evaluate") / "spinner.h5"
-    right = evis.EventCamera(name="right", pose=evis.Placement(parent="camera", position=(0.1, 0, 0)))
+    right = evis.EventCamera(name="right", pose=evis.motion.Placement(parent="camera", position=(0.1, 0, 0)))
     sim = evis.Simulator(
         evis.Scene.builtin("spinner"),
         cameras=["camera", right],
@@ -387,10 +387,18 @@ def test_wrong_arguments_are_named(network: Callable[[str], Path], recording: Pa
         evaluate.reconstruct(tmp_path / "bare.npz", path)
 
 
-def test_without_onnxruntime_the_extra_is_named(monkeypatch: pytest.MonkeyPatch, recording: Path):
+def test_without_onnxruntime_the_extra_is_named(
+    monkeypatch: pytest.MonkeyPatch, recording: Path, capsys: pytest.CaptureFixture[str]
+):
     monkeypatch.setitem(sys.modules, "onnxruntime", None)
     with pytest.raises(evis.ConfigError, match=r"pip install 'evis\[evaluate\]'"):
         evaluate.reconstruct(recording, "any.onnx")
+    # Of a scene, before it is simulated.
+    monkeypatch.setattr(evaluate, "record", lambda *_, **__: pytest.fail("simulated in vain"))
+    with pytest.raises(evis.ConfigError, match=r"pip install 'evis\[evaluate\]'"):
+        evaluate.ladder("reconstruct", evis.Scene.builtin("spinner"), "any.onnx")
+    assert _commands.run_evaluate(["reconstruct", "spinner", "--network", "any.onnx"]) == 2
+    assert "pip install 'evis[evaluate]'" in capsys.readouterr().err
 
 
 # The three questions.

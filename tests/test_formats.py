@@ -389,7 +389,9 @@ def test_a_recording_becomes_a_folder_of_dsec(tmp_path):
 
 def recording_with_everything(path):
     """Record two cameras with images of all types, poses and an inertial unit."""
-    right = evis.EventCamera(name="right eye", pose=evis.Placement(parent="camera", position=(0.1, 0, 0)))
+    right = evis.EventCamera(
+        name="right eye", pose=evis.motion.Placement(parent="camera", position=(0.1, 0, 0))
+    )
     sim = evis.Simulator(
         evis.Scene.builtin("spinner"),
         cameras=["camera", right],

@@ -141,7 +141,7 @@ def test_fields_become_settings() -> None:
     assert noisy.sensor.noise == wanted.noise
     assert noisy.sensor.refractory == wanted.refractory
     assert (noisy.sensor.threshold_on, noisy.sensor.threshold_off) == (0.3, 0.2)
-    assert noisy.sensor.exposure == evis.Exposure(time_us=20_000)
+    assert noisy.sensor.exposure == evis.sensors.Exposure(time_us=20_000)
     assert (noisy.window_us, noisy.margin) == (50_000, 4)
     for fields, said in [
         ({"event_source": "rgb"}, "event_source is 'rgb'"),

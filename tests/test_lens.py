@@ -85,7 +85,7 @@ def camera(**more: object) -> evis.EventCamera:
         height=48,
         fx=56.0,
         distortion=RADTAN,
-        pose=evis.Placement(position=(0, 0, 1.5)),
+        pose=evis.motion.Placement(position=(0, 0, 1.5)),
         **more,
     )  # type: ignore[arg-type]
 
@@ -147,7 +147,7 @@ def test_rigs_survive_files_and_become_cameras(tmp_path: Path) -> None:
     builder = evis.SceneBuilder("rig", ambient=(1, 1, 1))
     builder.material("white")
     builder.card("wall", size=(2, 2), material="white")
-    builder.node("head", pose=evis.Placement(position=(0, 0, 2), rotation_degrees=(0, 20, 0)))
+    builder.node("head", pose=evis.motion.Placement(position=(0, 0, 2), rotation_degrees=(0, 20, 0)))
     for each in rig.event_cameras("head", near=0.2):
         builder.camera(each)
     assert builder.build().cameras == ("left", "right")
@@ -170,8 +170,8 @@ def test_a_unit_that_spins_measures_its_rate_and_the_centripetal_force() -> None
     builder.material("white")
     builder.card("wall", size=(2, 2), material="white")
     spin = evis.motion.Spin(axis=(0, 1, 0), degrees_per_s=90)
-    builder.node("arm", pose=evis.Placement(motion=spin))
-    builder.node("body", pose=evis.Placement(position=(2, 0, 0), parent="arm"))
+    builder.node("arm", pose=evis.motion.Placement(motion=spin))
+    builder.node("body", pose=evis.motion.Placement(position=(2, 0, 0), parent="arm"))
     builder.camera(evis.EventCamera(name="eye"))
     scene = builder.build()
     samples = simulate(scene, "body", duration=0.5, rate_hz=100)

@@ -47,7 +47,7 @@ SETTINGS = {
         "samples": 4,
         "method": "native",
         "adaptive_px": 0.01,
-        "sensor": evis.Sensor(refractory=evis.Refractory(period_us=1)),
+        "sensor": evis.Sensor(refractory=evis.sensors.Refractory(period_us=1)),
     },
     "curves": {"rate_hz": 1000.0, "samples": 4, "method": "native", "adaptive_px": 0.01},
     "standard": {"quality": "standard"},

@@ -17,7 +17,11 @@ SETTINGS: dict[str, dict[str, Any]] = {
     "native": {"rate_hz": 1000.0, "samples": 4, "method": "native"},
     "standard": {"quality": "standard"},
     "chain": {"quality": "standard", "sensor": "v2e-noisy"},
-    "wire": {"rate_hz": 500.0, "samples": 1, "sensor": evis.Sensor(readout=evis.Readout(latency_us=3000.0))},
+    "wire": {
+        "rate_hz": 500.0,
+        "samples": 1,
+        "sensor": evis.Sensor(readout=evis.sensors.Readout(latency_us=3000.0)),
+    },
     "host": {"rate_hz": 500.0, "samples": 1, "sensor": "davis346"},
 }
 
@@ -128,7 +132,7 @@ def test_what_waits_for_the_bus_is_gone(device: evis.Device) -> None:
 
 
 def test_a_seed_redraws_what_is_frozen_as_a_simulator_of_that_seed(device: evis.Device) -> None:
-    sensor = evis.Sensor(pattern=evis.Pattern(sigma=0.05))
+    sensor = evis.Sensor(pattern=evis.sensors.Pattern(sigma=0.05))
     sim = simulator(device, "native", sensor=sensor)
     run(sim, 0, 2)
     sim.reset([0, 1], seed=[11, 4], poses={"cube": pose(way(0))})
@@ -204,7 +208,7 @@ def test_what_cannot_be_reset_is_refused_and_changes_nothing(
 def test_what_reaches_beyond_the_present_cannot_be_reset(device: evis.Device) -> None:
     spinner = evis.Scene.builtin("spinner")
     more = {"size": (40, 30), "device": device}
-    exposure = evis.Exposure(time_us=1000, period_us=2000)
+    exposure = evis.sensors.Exposure(time_us=1000, period_us=2000)
     for settings, message in [
         ({"method": "splat"}, "keyframes"),
         ({"method": "native", "sensor": evis.Sensor(exposure=exposure)}, "exposure"),
@@ -256,7 +260,7 @@ DRAWN: dict[str, tuple[evis.Sensor, dict[str, Any]]] = {
         },
     ),
     "wire": (
-        evis.Sensor(readout=evis.Readout(latency_us=3000.0, event_ns=1000)),
+        evis.Sensor(readout=evis.sensors.Readout(latency_us=3000.0, event_ns=1000)),
         {"readout.latency_us": (500.0, 5000.0), "threshold_on": (0.1, 0.3)},
     ),
     "host": (evis.Sensor.preset("davis346"), {"diffusion.k4": (1e-5, 5e-5)}),

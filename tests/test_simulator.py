@@ -115,13 +115,13 @@ def test_labels_have_shapes_and_times(spinner: evis.Scene):
 
 def test_cameras_can_be_added(spinner: evis.Scene):
     left = evis.EventCamera(
-        name="extra left", width=48, height=32, pose=evis.Placement(position=(-0.05, 0.0, 3.0))
+        name="extra left", width=48, height=32, pose=evis.motion.Placement(position=(-0.05, 0.0, 3.0))
     )
     right = evis.EventCamera(
         name="extra right",
         width=32,
         height=32,
-        pose=evis.Placement(position=(0.05, 0.0, 3.0)),
+        pose=evis.motion.Placement(position=(0.05, 0.0, 3.0)),
         fov_y_degrees=40.0,
     )
     sim = evis.Simulator(spinner, cameras=[left, right], rate_hz=500.0, samples=1)
@@ -453,10 +453,10 @@ def test_every_stage_of_a_sensor_runs_on_scenes(spinner: evis.Scene, name: str):
 def test_cameras_have_sensors_of_their_own(tmp_path: Path):
     names = ("plain", "noisy", "walk")
     cameras = [
-        evis.EventCamera(name=name, width=64, height=48, pose=evis.Placement(position=(0, 0.3, 3)))
+        evis.EventCamera(name=name, width=64, height=48, pose=evis.motion.Placement(position=(0, 0.3, 3)))
         for name in names
     ]
-    noisy = evis.Sensor(threshold_off=0.25, noise=evis.Noise(shot_hz=20.0))
+    noisy = evis.Sensor(threshold_off=0.25, noise=evis.sensors.Noise(shot_hz=20.0))
     sensors: dict[str, evis.Sensor | str] = {"noisy": noisy, "walk": "davis346"}
     settings: dict[str, Any] = {"rate_hz": 500.0, "samples": 1, "reference_luminance": 1.0, "seed": 2}
     scene = evis.Scene.builtin("spinner").with_cameras(cameras)
@@ -514,8 +514,8 @@ def test_lost_events_are_counted(spinner: evis.Scene):
     sensor = evis.Sensor(
         threshold_on=0.05,
         threshold_off=0.05,
-        refractory=evis.Refractory(period_us=5_000),
-        readout=evis.Readout(rate_limit_hz=20_000.0),
+        refractory=evis.sensors.Refractory(period_us=5_000),
+        readout=evis.sensors.Readout(rate_limit_hz=20_000.0),
     )
     reports = [packet.report for packet in streamed(spinner, sensor=sensor)]
     assert sum(report.suppressed for report in reports) > 100
@@ -542,7 +542,7 @@ def test_frames_come_beside_events(spinner: evis.Scene):
 
 def test_pixels_may_see_frames_of_light(spinner: evis.Scene):
     def events(packet: int, **exposure: Any) -> Any:
-        sensor = evis.Sensor(exposure=evis.Exposure(**exposure))
+        sensor = evis.Sensor(exposure=evis.sensors.Exposure(**exposure))
         sim = evis.Simulator(spinner, **SMALL, sensor=sensor)
         return np.concatenate([sim.step(until).events for until in range(packet, 60_001, packet)])
 

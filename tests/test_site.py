@@ -218,7 +218,8 @@ def test_names_of_the_package_are_in_the_reference(site: Path) -> None:
     # Results of checks, and dtypes, have no entry of their own; the rest that users call has.
     modules = {"evis": evis}
     modules |= {
-        f"evis.{name}": getattr(evis, name) for name in ("emulation", "events", "files", "measure", "packets")
+        f"evis.{name}": getattr(evis, name)
+        for name in ("emulation", "events", "files", "measure", "packets", "sensors")
     }
     functions = [
         f"{place}.{name}"

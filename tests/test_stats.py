@@ -14,7 +14,7 @@ import evis
 
 
 def noisy(**noise: float) -> evis.Sensor:
-    return replace(evis.Sensor(), noise=evis.Noise(**noise))  # type: ignore[arg-type]
+    return replace(evis.Sensor(), noise=evis.sensors.Noise(**noise))  # type: ignore[arg-type]
 
 
 def test_statistics_count_what_is_there() -> None:

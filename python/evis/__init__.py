@@ -21,7 +21,18 @@ if _sys.platform == "linux":
 
 from typing import TYPE_CHECKING as _TYPE_CHECKING
 
-from . import emulation, events, files, imu, lens, measure, metrics, motion, packets, representations, rig
+from . import emulation as emulation
+from . import events as events
+from . import files as files
+from . import imu as imu
+from . import lens as lens
+from . import measure as measure
+from . import metrics as metrics
+from . import motion as motion
+from . import packets as packets
+from . import representations as representations
+from . import rig as rig
+from . import sensors as sensors
 from ._builder import SceneBuilder
 from ._chart import chart
 from ._emulator import EventEmulator
@@ -33,34 +44,25 @@ from ._limits import limits, set_limits
 from ._method import Warp
 from ._packets import Packet
 from ._scene import EventCamera, Scene, scenes
-from ._sensor import Diffusion, Exposure, Noise, Pattern, Photoreceptor, Readout, Refractory, Sensor
+from ._sensor import Sensor
 from ._simulator import Device, Simulator, devices
 from ._stats import calibrate, compare, statistics
 from ._truth import Truth
 from ._verify import verify
 from ._video import frames, video
-from .motion import Placement
 
 __all__ = [
     "ConfigError",
     "Device",
     "DeviceError",
-    "Diffusion",
     "EventArray",
     "EventCD",
     "EventCamera",
     "EventEmulator",
     "EvisError",
-    "Exposure",
     "FormatError",
-    "Noise",
     "Packet",
-    "Pattern",
-    "Photoreceptor",
-    "Placement",
-    "Readout",
     "Recording",
-    "Refractory",
     "Scene",
     "SceneBuilder",
     "Sensor",
@@ -73,22 +75,11 @@ __all__ = [
     "chart",
     "compare",
     "devices",
-    "emulation",
-    "events",
-    "files",
     "formats",
     "frames",
-    "imu",
-    "lens",
     "limits",
     "load",
-    "measure",
-    "metrics",
-    "motion",
     "open",
-    "packets",
-    "representations",
-    "rig",
     "save",
     "scenes",
     "set_limits",
@@ -107,6 +98,7 @@ if not _TYPE_CHECKING:
         "ChartSetting": "measure",
         "Comparison": "measure",
         "Convergence": "measure",
+        "Diffusion": "sensors",
         "EmulatorReport": "emulation",
         "EnvironmentPacket": "packets",
         "ErrorFit": "measure",
@@ -117,6 +109,7 @@ if not _TYPE_CHECKING:
         "EventWindow": "events",
         "Events": "events",
         "EventsIterator": "files",
+        "Exposure": "sensors",
         "FailureCell": "measure",
         "FailureVerification": "measure",
         "FileFrame": "files",
@@ -131,10 +124,16 @@ if not _TYPE_CHECKING:
         "LightPixel": "measure",
         "LightVerification": "measure",
         "MotionCheck": "emulation",
+        "Noise": "sensors",
+        "Pattern": "sensors",
+        "Photoreceptor": "sensors",
+        "Placement": "motion",
         "Poses": "packets",
+        "Readout": "sensors",
         "Recommendation": "measure",
         "RecordedLabels": "files",
         "RecordedView": "files",
+        "Refractory": "sensors",
         "Report": "packets",
         "SceneChart": "measure",
         "SceneVerification": "measure",

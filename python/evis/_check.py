@@ -186,6 +186,7 @@ def _plain(path: str, value: Any, hint: Any) -> Any:
         return str(value)
     if isinstance(kind, type) and is_dataclass(kind):
         if not isinstance(value, kind):
-            raise ConfigError(f"{path} is {shown(value)}; it must be an evis.{kind.__name__}{or_none}")
+            wanted = f"evis.sensors.{kind.__name__}"
+            raise ConfigError(f"{path} is {shown(value)}; it must be an {wanted}{or_none}")
         return plain(value, f"{path}.")
     return value

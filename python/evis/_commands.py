@@ -139,6 +139,7 @@ def _evaluated(
                 "scene file"
             )
         return run(source, network, **settings)
+    evaluate.check_network(network)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / f"{scene.name.replace('/', '_')}.h5"
         evaluate.record(scene, path, task, progress=True, **scene_settings)

@@ -275,6 +275,12 @@ class Ladder:
         return figure
 
 
+def check_network(network: str | PathLike[str] | None) -> None:
+    """Refuse a network that cannot be used, before a scene is simulated for it."""
+    if network is not None:
+        Network(network)
+
+
 def ladder(
     task: Literal["reconstruct", "flow", "match"],
     scene: Scene,
@@ -328,6 +334,7 @@ def ladder(
         raise ConfigError(
             "rungs is empty; it must hold settings by name, such as {'draft': {'quality': 'draft'}}"
         )
+    check_network(network)
     evaluations, events = {}, {}
     with tempfile.TemporaryDirectory() as folder, Progress(len(rungs), "settings", shown=progress) as bar:
         # Its name is the table's.

@@ -322,8 +322,8 @@ def table_of(name: str, pose: Any) -> dict[str, Any]:
     """Return the pose of the object ``name`` as a scene file has it."""
     if not isinstance(pose, Placement):
         raise ConfigError(
-            f"pose of '{name}' is {_check.shown(pose)}; it must be an evis.Placement, such as "
-            "evis.Placement(position=(0, 1, 0))"
+            f"pose of '{name}' is {_check.shown(pose)}; it must be an evis.motion.Placement, such as "
+            "evis.motion.Placement(position=(0, 1, 0))"
         )
     return pose.table()
 
