@@ -281,6 +281,10 @@ def test_a_scenes_cameras_bring_their_sensor(tmp_path: Path) -> None:
     settings: dict[str, Any] = {"rate_hz": 100.0, "samples": 1, "reference_luminance": 1.0}
     assert evis.Simulator(scene, **settings).sensor == own
     assert evis.Simulator(scene, sensor="v2e", **settings).sensor == evis.Sensor.preset("v2e")
+    file = str(tmp_path / "sensors" / "own.toml")
+    assert evis.Simulator(evis.Scene.builtin("spinner"), sensor=file, **settings).sensor == own
+    with pytest.raises(FileNotFoundError, match=r"none\.toml"):
+        evis.EventEmulator(8, 6, "none.toml")
     cameras = [evis.EventCamera(name=str(k), width=8, height=6, sensor=own) for k in range(2)]
     assert evis.Simulator(evis.Scene.builtin("spinner"), cameras=cameras, **settings).sensor == own
     mixed = [cameras[0], evis.EventCamera(name="plain", width=8, height=6, threshold_on=0.15)]

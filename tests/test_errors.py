@@ -50,6 +50,7 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (lambda: E.SceneBuilder().node("a", pose=(0, 1, 0)), r"pose of 'a' is \(0, 1, 0\); .*Placement"),
     # Sensors.
     (lambda: simulator(sensor=3), "sensor is 3; it must be an evis.Sensor, or the name of a preset"),
+    (lambda: simulator(sensor="v2"), r"sensor is 'v2'; it must be 'ideal' or .* \(did you mean 'v2e'\?\)"),
     (lambda: emulator(8, 8, 3), "sensor is 3; it must be an evis.Sensor"),
     (lambda: E.chart(SPINNER, sensor="ideal"), "sensor is 'ideal'; it must be an evis.Sensor"),
     (lambda: E.measure.static_scene(3, 8, 8, duration=1), "sensor is 3"),
@@ -125,7 +126,8 @@ def test_mistakes_name_the_argument_the_value_and_the_remedy(make: Callable[[], 
 
 @pytest.mark.parametrize("stage", ["exposure", "photoreceptor", "pattern", "noise", "refractory", "readout"])
 def test_stages_of_a_sensor_are_what_they_are_called(stage: str):
-    with pytest.raises(evis.ConfigError, match=f"^{stage} is 3; it must be an evis.sensors.{stage.capitalize()}$"):
+    wanted = f"evis.sensors.{stage.capitalize()}"
+    with pytest.raises(evis.ConfigError, match=f"^{stage} is 3; it must be an {wanted}$"):
         E.Sensor(**{stage: 3}).check()
 
 

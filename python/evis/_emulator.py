@@ -115,7 +115,7 @@ class EventEmulator(Generic[Out]):
     width, height : int
         Size of the sensor in pixels.
     sensor : Sensor or str, optional
-        The sensor, or the name of a preset; an ideal one if not given.
+        The sensor, or the name of a preset or TOML file; an ideal one if not given.
     batch : int, optional
         Environments that are pushed together; `push` then takes and gives one more dimension. None: one
         camera.

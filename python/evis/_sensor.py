@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import json
 import warnings
 from collections.abc import Mapping, Sequence
@@ -477,14 +478,25 @@ def _presets() -> dict[str, dict[str, Any]]:
 
 
 def sensor_of(sensor: Any, what: str = "sensor") -> Sensor:
-    """Return a sensor as it is, one of a preset by its name, and an ideal one for None."""
+    """Return a sensor as it is, by the name of a preset or TOML file, and an ideal one for None."""
     if sensor is None:
         return Sensor()
     if isinstance(sensor, str):
+        if sensor.lower().endswith(".toml"):
+            return Sensor.from_toml(Path(sensor))
+        presets = Sensor.presets()
+        if sensor not in presets:
+            near = difflib.get_close_matches(sensor, presets, n=1)
+            hint = f" (did you mean {near[0]!r}?)" if near else ""
+            raise ConfigError(
+                f"{what} is {_check.shown(sensor)}; it must be {_check.one_of(presets)}, or the path of a "
+                f"TOML file{hint}"
+            )
         return Sensor.preset(sensor)
     if not isinstance(sensor, Sensor):
         raise ConfigError(
-            f"{what} is {_check.shown(sensor)}; it must be an evis.Sensor, or the name of a preset"
+            f"{what} is {_check.shown(sensor)}; it must be an evis.Sensor, or the name of a preset or of a "
+            "TOML file"
         )
     return sensor
 

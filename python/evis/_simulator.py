@@ -90,18 +90,18 @@ class Simulator:
     scene : Scene
         What to render; several simulators may share it.
     sensor : Sensor, str, or mapping of them by camera, optional
-        Sensor of every camera, or the name of a preset. ``{"left": "davis346", "right": Sensor(...)}`` gives
-        each of these cameras its own; the names are those of cameras of the scene, rendered or not. A camera
-        that is given none has what the scene gives it; else an ideal sensor, 0.2 / 0.2 (with the method
-        ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Thresholds that the scene gives a
-        camera come before its sensor's. Every stage runs on the device, but a sensor with
+        Sensor of every camera, or the name of a preset or TOML file. ``{"left": "davis346", "right":
+        Sensor(...)}`` gives each of these cameras its own; the names are those of cameras of the scene,
+        rendered or not. A camera that is given none has what the scene gives it; else an ideal sensor, 0.2 /
+        0.2 (with the method ``evis-paper``: the same that latches, with ``log_eps`` 1e-5). Thresholds that
+        the scene gives a camera come before its sensor's. Every stage runs on the device, but a sensor with
         ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is simulated on the host, from the light of
         every instant.
     quality : {"draft", "standard", "high", "reference"}, optional
         Fixed settings of sampling, the same for every scene; nothing is analysed before the run.
         ``docs/accuracy.md`` says how near to the truth each came, and at which cost. Settings given by hand
         stand over it. ``standard`` where neither a quality, a settings file, a method nor any of
-        ``rate_hz``, ``adaptive_px``, ``between``, ``samples``, ``antialias`` and ``texture_taps`` is given.
+        ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and ``texture_taps`` is given.
     settings : path-like, optional
         Settings from a file: one that `tune` or ``evis tune`` wrote, or a recording (``.h5``), whose own
         settings are used again. Arguments given here override it.

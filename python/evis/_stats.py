@@ -179,7 +179,7 @@ def static_scene(
     Parameters
     ----------
     sensor : Sensor or str
-        The sensor, or the name of a preset.
+        The sensor, or the name of a preset or TOML file.
     width, height : int
         Pixels.
     duration : float

@@ -163,7 +163,7 @@ def video(
     output : path
         The recording, ``.h5`` or ``.hdf5``.
     sensor : Sensor or str, optional
-        The sensor, or the name of a preset; an ideal one if not given.
+        The sensor, or the name of a preset or TOML file; an ideal one if not given.
     seed : int
         Seed of everything random.
     transfer : str, optional

@@ -158,7 +158,7 @@ def events(
     fps : float
         Frames per second of the scene, as rendered: frame k is at ``round(k * 1e6 / fps)`` microseconds.
     sensor : Sensor or str, optional
-        The sensor, or the name of a preset; an ideal one where not given.
+        The sensor, or the name of a preset or TOML file; an ideal one where not given.
     seed : int
         Seed of everything random.
     layer : str, optional

@@ -73,7 +73,7 @@ class PipelineSettings:
     Attributes
     ----------
     sensor : Sensor or str, optional
-        The sensor, or the name of a preset; an ideal one if not given.
+        The sensor, or the name of a preset or TOML file; an ideal one if not given.
     warp : Warp or {"splat", "evis-paper"}
         How the instants between two keyframes are made.
     steps : int or {"auto"}, optional
