@@ -21,6 +21,18 @@ pub enum ChartError {
     /// Truth could not be had.
     #[error("truth: {0}")]
     Truth(String),
+    /// Nothing fires that settings could be compared by.
+    #[error(
+        "none of the {pixels} pixels that truth was made for fires within {} s; choose a longer stream, another start \
+         of it, or more pixels",
+        *duration_us as f64 / 1e6
+    )]
+    Silent {
+        /// Pixels of truth.
+        pixels: usize,
+        /// Length of the stream.
+        duration_us: i64,
+    },
     /// Events could not be compared with truth.
     #[error("score: {0}")]
     Score(String),

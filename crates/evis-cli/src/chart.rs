@@ -20,6 +20,9 @@ use crate::outputs::check_parent;
 use crate::progress::{Progress, WHOLE};
 use crate::{scene_source, text};
 
+/// Events of truth from which F1 is known to about 0.01: its standard error at F1 0.95 is that of a share, 0.0097.
+const ENOUGH_EVENTS: usize = 500;
+
 /// F1 that is recommended for, unless another is asked for.
 const TARGET_F1: f64 = 0.98;
 
@@ -78,6 +81,9 @@ fn recommend(
     let (goals, asked) = if goals.is_empty() { (usual.to_vec(), false) } else { (goals, true) };
     let mut failed = None;
     for scene in &chart.scenes {
+        if let Some(warning) = rough(scene) {
+            text::warn(&warning);
+        }
         say(&format!("{}: {}", scene.scene, measured(scene)));
         for goal in &goals {
             match scene.recommend(*goal, lens) {
@@ -91,6 +97,18 @@ fn recommend(
         }
     }
     failed.map_or(Ok(0), |error| Err(error.into()))
+}
+
+/// What is said of a chart whose truth has so few events that one more or less moves its figures.
+fn rough(scene: &SceneChart) -> Option<String> {
+    let events = scene.truth.events;
+    (events < ENOUGH_EVENTS).then(|| {
+        format!(
+            "{}: {events} events of truth decide, so figures are rough; a longer --duration, another --start or more \
+             --truth-pixels gives more",
+            scene.scene
+        )
+    })
 }
 
 fn measured(scene: &SceneChart) -> String {

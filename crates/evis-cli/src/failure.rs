@@ -76,6 +76,7 @@ fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
             Some(
                 ChartError::Config(_)
                     | ChartError::Scene(_)
+                    | ChartError::Silent { .. }
                     | ChartError::Score(_)
                     | ChartError::Unreachable(_)
                     | ChartError::Invalid { .. }

@@ -228,8 +228,12 @@ fn label_beside(word: Option<&str>, recorded: &[LabelKind]) -> anyhow::Result<Op
         None if word == "none" => Ok(None),
         None => {
             let there: Vec<_> = recorded.iter().map(|kind| kind.name()).collect();
-            let there = if there.is_empty() { "no labels".into() } else { there.join(", ") };
-            Err(bad_input(format!("--label {word} was not recorded; there is {there}")))
+            let there = if there.is_empty() {
+                format!("`run --labels {word}` records it")
+            } else {
+                format!("there is {}", there.join(", "))
+            };
+            Err(bad_input(format!("--label {word} was not recorded; {there}")))
         }
     }
 }
@@ -493,5 +497,7 @@ mod tests {
         assert_eq!(beside(Some("none"), &[Hdr]), None);
         let error = label_beside(Some("normal"), &[Depth, Hdr]).expect_err("it is not there").to_string();
         assert_eq!(error, "--label normal was not recorded; there is depth, hdr");
+        let error = label_beside(Some("depth"), &[]).unwrap_err().to_string();
+        assert_eq!(error, "--label depth was not recorded; `run --labels depth` records it");
     }
 }

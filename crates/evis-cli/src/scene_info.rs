@@ -76,6 +76,8 @@ fn describe(name: &str, scene: &Scene) -> anyhow::Result<SceneInfo> {
     let bounds_m = scene.bounds(0.0).map(|(low, high)| [low.to_array(), high.to_array()]);
     let mut notes = scene.warnings.clone();
     notes.extend(scene.unlikely_size());
+    notes.extend((0..scene.cameras.len()).filter_map(|camera| scene.enclosed_camera(camera, 0.0)));
+    notes.extend(scene_source::at_rest(scene, &[]));
     let bodies = Bodies::new(scene, [], 0, 0)?;
     Ok(SceneInfo {
         scene: name.to_owned(),
@@ -97,8 +99,14 @@ fn lines(info: &SceneInfo) -> Vec<String> {
     let mut lines = vec![format!("{}  scene", info.scene)];
     lines.push(match info.bounds_m {
         Some([low, high]) => {
-            let [x, y, z] = [0, 1, 2].map(|axis| format!("{:.3}", high[axis] - low[axis]));
-            let corner = |corner: [f64; 3]| corner.map(|c| format!("{c:.3}")).join(", ");
+            let sides = [0, 1, 2].map(|axis| high[axis] - low[axis]);
+            // Three digits of the largest side at least, so that a small model has a size.
+            let largest = sides.into_iter().fold(0.0_f64, f64::max);
+            let decimals =
+                if largest > 0.0 { (2.0 - largest.log10().floor()).clamp(3.0, 9.0) as usize } else { 3 };
+            let metres = |length: f64| format!("{length:.decimals$}");
+            let [x, y, z] = sides.map(metres);
+            let corner = |corner: [f64; 3]| corner.map(metres).join(", ");
             format!("size      {x} x {y} x {z} m, from ({}) to ({})", corner(low), corner(high))
         }
         None => "size      nothing has a surface".into(),

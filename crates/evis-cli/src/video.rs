@@ -17,7 +17,7 @@ use crate::interrupt::{EXIT_INTERRUPTED, Interrupt};
 use crate::outputs::{check_beside, check_free, check_output, check_parent};
 use crate::progress::Progress;
 use crate::trace::Trace;
-use crate::{MakeUpsampler, flags, sensor_source, text};
+use crate::{MakeUpsampler, flags, scene_info, sensor_source, text};
 
 /// Converts and tells.
 pub(crate) fn video(args: &VideoArgs, upsampler: &MakeUpsampler) -> anyhow::Result<i32> {
@@ -36,6 +36,12 @@ pub(crate) fn video(args: &VideoArgs, upsampler: &MakeUpsampler) -> anyhow::Resu
     let trace = Trace::start(args.trace.as_deref())?;
     for output in &args.output {
         check_free(output, args.force)?;
+    }
+    if scene_info::is_scene(&args.input) {
+        let input = args.input.display();
+        return Err(bad_input(format!(
+            "{input} is a scene, and no film; `run {input} -o OUT.h5` simulates it"
+        )));
     }
     let defaults = VideoConfig::default();
     let mut config = VideoConfig {

@@ -181,6 +181,8 @@ fn scenes_and_cameras_that_do_not_exist_are_listed() {
     assert!(!known.is_empty());
     refused(&folder, "run werehouse -o x.h5", &["werehouse", known[0], ".glb", "did you mean 'warehouse'"]);
     refused(&folder, "run in.mp4 -o x.h5", &["in.mp4", "is a film", "`video in.mp4"]);
+    refused(&folder, "video spinner -o x.h5", &["spinner is a scene", "`run spinner"]);
+    refused(&folder, "video broken.glb -o x.h5", &["broken.glb is a scene", "`run broken.glb"]);
     refused(&folder, "run none.glb -o x.h5", &["none.glb"]);
     refused(&folder, "run none.toml -o x.h5", &["none.toml"]);
     refused(&folder, "run broken.glb -o x.h5", &["broken.glb"]);

@@ -104,6 +104,41 @@ fn a_scene_is_charted_and_drawn_again() {
 }
 
 #[test]
+fn a_scene_in_which_little_or_nothing_fires_says_so() {
+    let folder = Folder::new("chart-quiet");
+    if no_device(&folder) {
+        return;
+    }
+    let scene = |motion: &str| {
+        format!(
+            "[[materials]]\nname = \"white\"\nmodel = \"unlit\"\n[[primitives]]\nname = \"card\"\nshape = \"card\"\n\
+             size = [0.3, 0.3]\nmaterial = \"white\"\nposition = [0.2, 0.1, 0.0]\n{motion}[[cameras]]\nname = \"eye\"\n\
+             position = [0.0, 0.0, 3.0]\n"
+        )
+    };
+    let moving = "motion = { kind = \"constant_velocity\", velocity = [1.0, 0.0, 0.0] }\n";
+    std::fs::write(folder.file("still.toml"), scene("")).unwrap();
+    std::fs::write(folder.file("small.toml"), scene(moving)).unwrap();
+    let settings = "--size 64x48 --duration 0.05 --rates 100 --samples 1 --no-splat --no-adaptive --no-edges \
+                    --repetitions 1 --truth-pixels 400";
+
+    let still = evis(&folder, &format!("chart still.toml {settings}"));
+    assert_eq!(code(&still), 2, "{}", stderr(&still));
+    let told = stderr(&still);
+    assert!(told.contains("none of the 4") && told.contains("fires within 0.05 s"), "{told}");
+    assert!(!told.contains("truth once more"), "it ends before the second truth: {told}");
+
+    // The hundred pixels that tell truth's own error meet nothing, the four hundred do.
+    let small = evis(&folder, &format!("chart small.toml {settings} --report r.json"));
+    assert_eq!(code(&small), 0, "{}", stderr(&small));
+    assert!(stderr(&small).contains("events of truth decide, so figures are rough"), "{}", stderr(&small));
+    let report: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.file("r.json")).unwrap()).unwrap();
+    let truth = &report["scenes"][0]["truth"];
+    assert!(truth["events"].as_u64().unwrap() > 0 && truth["floor"].is_null(), "{truth}");
+}
+
+#[test]
 fn truth_becomes_a_file_that_scores_a_run() {
     let folder = Folder::new("truth");
     let small = "--size 32x24 --duration 0.02 --threshold-on 0.05 --threshold-off 0.05";

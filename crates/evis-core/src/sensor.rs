@@ -201,7 +201,10 @@ impl SensorConfig {
         add(photoreceptor.noise > 0.0, "photoreceptor noise".into());
         add(noise.leak_hz > 0.0, format!("leak ({:.2} Hz)", noise.leak_hz));
         add(noise.shot_hz > 0.0, format!("shot noise ({} Hz)", noise.shot_hz));
-        add(noise.hot_share > 0.0, format!("hot pixels ({} %)", noise.hot_share * 100.0));
+        add(
+            noise.hot_share > 0.0,
+            format!("hot pixels ({} %)", (f64::from(noise.hot_share) * 1e8).round() / 1e6),
+        );
         add(pattern.dead_share > 0.0, format!("dead pixels ({} %)", pattern.dead_share * 100.0));
         let period_us = self.refractory.period_us;
         add(period_us > 0, format!("refractory period ({period_us} us)"));

@@ -19,7 +19,9 @@ impl From<ChartError> for Failure {
             ChartError::Config(error) => error.into(),
             ChartError::Scene(error) => error.into(),
             ChartError::Engine(error) => error.into(),
-            ChartError::Score(_) | ChartError::Unreachable(_) => Self::Config(error.to_string()),
+            ChartError::Silent { .. } | ChartError::Score(_) | ChartError::Unreachable(_) => {
+                Self::Config(error.to_string())
+            }
             ChartError::Invalid { .. } => Self::Format(error.to_string()),
             ChartError::Io { path, source } => Self::Io { path: Some(path.display().to_string()), source },
             other => Self::Engine(other.to_string()),

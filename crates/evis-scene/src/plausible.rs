@@ -9,6 +9,9 @@ use crate::visible::{Pinhole, hit};
 /// Largest side of a likely scene, metres.
 const LIKELY_M: std::ops::RangeInclusive<f64> = 1.0e-3..=1.0e4;
 
+/// Largest side of a likely model that comes without a camera, metres: more than rooms have.
+const LIKELY_MODEL_M: f64 = 50.0;
+
 /// Times of a stream at which image motion is measured.
 const MOTION_SAMPLES: u32 = 6;
 
@@ -34,6 +37,13 @@ impl Scene {
     pub fn unlikely_size(&self) -> Option<String> {
         let (low, high) = self.bounds(0.0)?;
         unlikely_size((high - low).max_element())
+    }
+
+    /// A warning about a model without a camera of its own that is far larger than a room, though its unit may be the metre.
+    /// Events do not tell, since the camera that is added frames it; depth and poses do.
+    pub fn unlikely_model_size(&self) -> Option<String> {
+        let (low, high) = self.bounds(0.0).filter(|_| self.framing.is_some())?;
+        unlikely_model_size((high - low).max_element())
     }
 
     /// What is said of the camera `camera` where it is inside a mesh at `t_s`; `None` where it is not, and where it is in a
@@ -163,6 +173,15 @@ fn unlikely_size(largest_m: f64) -> Option<String> {
     })
 }
 
+fn unlikely_model_size(largest_m: f64) -> Option<String> {
+    (largest_m > LIKELY_MODEL_M && LIKELY_M.contains(&largest_m)).then(|| {
+        format!(
+            "the model is {largest_m:.0} m large; glTF counts in metres, and so do depth and poses: if it was made in \
+             centimetres, scale it by 0.01, in Blender before the export or in a scene file"
+        )
+    })
+}
+
 const DIRECTIONS: usize = 26;
 
 /// Directions all around: to the faces, edges and corners of a cube, turned so that they do not run along the edges of
@@ -254,5 +273,14 @@ mod tests {
         assert_eq!([0.0, 2.0e-3, 1.0, 5.0e3].map(unlikely_size), [None, None, None, None]);
         assert!(unlikely_size(4.0e-4).is_some_and(|text| text.contains("4.000e-4 m")));
         assert!(unlikely_size(2.0e4).is_some_and(|text| text.contains("metres")));
+        assert_eq!([0.0, 1.0, 50.0, 2.0e4].map(unlikely_model_size), [None, None, None, None]);
+        assert!(
+            unlikely_model_size(141.2).is_some_and(|text| text.contains("141 m") && text.contains("0.01"))
+        );
+        // A scene that has a camera may be a landscape.
+        let vast = room(200.0, true, None);
+        assert_eq!(vast.unlikely_model_size(), None);
+        let framed = Scene { framing: Some(crate::model::Framing::Model), ..vast };
+        assert!(framed.unlikely_model_size().is_some());
     }
 }

@@ -79,6 +79,7 @@ pub fn load_with_animation(source: &str, seed: u64, animation: Option<&str>) -> 
             let options =
                 gltf::Options { animation: animation.map(str::to_owned), ..gltf::Options::default() };
             let mut scene = gltf::load(path, &options)?;
+            scene.warnings.extend(scene.unlikely_model_size());
             if scene.needs_light() && scene.environment.is_none() {
                 scene.warnings.push("no light in the file: lit by the built-in studio".into());
                 scene.environment = Some(Environment::studio());

@@ -13,7 +13,7 @@ const COLUMNS: usize = 100;
 const SHORT_LINES: usize = 30;
 
 /// Examples of each command, without the program's name. The last thing that a help text shows.
-const EXAMPLES: [(&str, &[&str]); 16] = [
+const EXAMPLES: [(&str, &[&str]); 17] = [
     (
         "run",
         &[
@@ -81,6 +81,7 @@ const EXAMPLES: [(&str, &[&str]); 16] = [
     ("compare", &["compare recorded.h5 simulated.h5 -o figure.png"]),
     ("sensors", &["sensors", "run spinner -o events.h5 --sensor dvxplorer-like"]),
     ("scenes", &["scenes"]),
+    ("devices", &["devices", "run spinner -o events.h5 --device 0"]),
     ("completions", &["completions bash"]),
 ];
 
@@ -111,7 +112,8 @@ pub(crate) fn with_short_help(command: Command) -> Command {
 fn short_help(sub: &Command) -> StyledStr {
     let mut sub = sub.clone().term_width(COLUMNS).mut_args(|arg| arg.hide_possible_values(true));
     let name = sub.get_bin_name().unwrap_or_else(|| sub.get_name()).to_owned();
-    let all = sub.get_opts().count();
+    // Switches too; what asks for help explains nothing.
+    let all = sub.get_arguments().filter(|arg| !arg.is_positional() && arg.get_id() != "help").count();
     let help = sub.render_help();
     let (styled, plain) = (help.ansi().to_string(), help.to_string());
     // Headings stand out by themselves; an empty line after each would double the height. What asks for help has it.
@@ -120,7 +122,11 @@ fn short_help(sub: &Command) -> StyledStr {
     };
     let lines = styled.lines().zip(plain.lines()).filter(|(_, plain)| shown(plain));
     let lines = lines.map(|(styled, _)| format!("{styled}\n"));
-    let more = format!("{name} --help explains all {all} options.\n");
+    let more = match all {
+        0 => String::new(),
+        1 => format!("{name} --help explains its option.\n"),
+        all => format!("{name} --help explains all {all} options.\n"),
+    };
     StyledStr::from(lines.chain([more]).collect::<String>())
 }
 
@@ -162,6 +168,17 @@ mod tests {
         }
         for heading in ["Scene:", "Output:", "Labels:", "Sensor:", "Quality:", "Device:"] {
             assert!(of("run").lines().any(|line| line == heading), "{heading}\n{}", of("run"));
+        }
+        // --camera, --repair, --check, --json, and what hidden lines have besides: as many as the long help shows.
+        for name in ["info", "run", "devices"] {
+            let mut built = command("evis-rs");
+            built.build();
+            let sub = built.find_subcommand_mut(name).unwrap();
+            let long = sub.render_long_help().to_string();
+            let options = |line: &&str| line.trim_start().starts_with('-') && line.contains("--");
+            let shown = long.lines().filter(options).filter(|line| !line.contains("--help")).count();
+            let told = if shown == 1 { "its option".to_owned() } else { format!("all {shown} options") };
+            assert!(of(name).contains(&told), "{name}: {shown}\n{}", of(name));
         }
         // Canaries: one line more, one column more.
         assert!(too_large(&"x\n".repeat(SHORT_LINES + 1)).is_some());

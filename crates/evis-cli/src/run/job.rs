@@ -27,17 +27,20 @@ const POLL: Duration = Duration::from_millis(20);
 /// The first line is printed after this time, also without an estimate.
 const MOST_WAIT: Duration = Duration::from_secs(10);
 
-/// The settings of the run, the preset that takes less, and how long the run takes: `cost` seconds per second of stream. That depends on
+/// The settings of the run, what takes less, and how long the run takes: `cost` seconds per second of stream. That depends on
 /// scene, size and device by factors of hundreds; a number that is not measured would be a guess.
 pub(super) fn before_line(config: &RunConfig, duration_us: i64, cost: Option<f64>) -> String {
     let settings = config.quality.map_or_else(
         || format!("{}, set by hand", config.method.name()),
         |quality| format!("quality {} ({})", quality.name(), config.method.name()),
     );
-    let cheaper = config
-        .quality
-        .and_then(|quality| quality.cheaper())
-        .map_or_else(String::new, |quality| format!("; --quality {} takes less", quality.name()));
+    // Presets of decoupled sampling cost about the same: most of it goes to surfaces and pixels, whatever the step.
+    let cheaper = match (config.quality, &config.method) {
+        (Some(_), Method::Decoupled) => "; a smaller --size takes less".to_owned(),
+        (quality, _) => quality
+            .and_then(|quality| quality.cheaper())
+            .map_or_else(String::new, |quality| format!("; --quality {} takes less", quality.name())),
+    };
     let stream = text::seconds(duration_us);
     let Some(cost) = cost else {
         return format!(
@@ -50,7 +53,7 @@ pub(super) fn before_line(config: &RunConfig, duration_us: i64, cost: Option<f64
 /// How long the run takes at `cost` seconds per second of stream.
 fn cost_line(config: &RunConfig, duration_us: i64, cost: f64) -> String {
     let pictured = config.carried().iter().any(|kind| *kind != LabelKind::Cause);
-    let beside = if pictured { " beside labels and frames" } else { "" };
+    let beside = if pictured { ", labels and frames not counted" } else { "" };
     let total =
         text::roughly(Duration::try_from_secs_f64(cost * duration_us as f64 * 1e-6).unwrap_or(Duration::MAX));
     format!("{} of stream in {total}{beside}, by what its first part takes", text::seconds(duration_us))
@@ -261,12 +264,12 @@ mod tests {
         let sampled = |config: &RunConfig, cost| before_line(config, 2_000_000, Some(cost));
         assert_eq!(
             sampled(&config, 78.0),
-            "quality draft (decoupled): 2 s of stream in about 3 min, by what its first part takes"
+            "quality draft (decoupled): 2 s of stream in about 3 min, by what its first part takes; a smaller --size takes less"
         );
         config.labels.push(LabelKind::Depth);
         assert_eq!(
             sampled(&config, 4.9),
-            "quality draft (decoupled): 2 s of stream in a few seconds beside labels and frames, by what its first part takes"
+            "quality draft (decoupled): 2 s of stream in a few seconds, labels and frames not counted, by what its first part takes; a smaller --size takes less"
         );
         let measured = Measured { from_us: 10_000, until_us: 30_000, total: Duration::from_secs(150) };
         assert_eq!(

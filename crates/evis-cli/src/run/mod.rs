@@ -257,7 +257,8 @@ fn duration_us(asked_s: Option<f64>, start_s: f64, scene: &Scene, warnings: &mut
             Some(left_s) => (left_s, "the scene's own; --duration changes it"),
             None => (DEFAULT_DURATION_S, "the default; --duration changes it"),
         };
-        text::complain(&format!("duration: {duration_s} s ({origin})"));
+        // Rounded: animations have times in f32.
+        text::complain(&format!("duration: {} ({origin})", text::seconds(to_us(duration_s))));
         duration_s
     });
     // Environments may run ahead of the scene's clock.

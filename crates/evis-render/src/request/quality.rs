@@ -43,12 +43,16 @@ impl Quality {
     /// F1 within 1 ms that it reached by `method`, and where: measured, not promised.
     pub const fn measured(self, method: &Method) -> &'static str {
         match (self, method) {
-            (Self::Draft, Method::Decoupled) => "F1 (1 ms) 0.96 to 0.99 on the built-in scenes at 640x480",
-            (_, Method::Decoupled) => "F1 (1 ms) 0.98 to 0.99 on the built-in scenes at 640x480",
-            (Self::Draft, _) => "F1 (1 ms) 0.77 to 0.97 on the built-in scenes at 640x480",
-            (Self::Standard, _) => "F1 (1 ms) 0.88 to 0.98 on the built-in scenes at 640x480",
-            (Self::High, _) => "F1 (1 ms) 0.98 to 0.99 on the built-in scenes at 640x480",
-            (Self::Reference, _) => "F1 (1 ms) above 0.98 on the built-in scenes at 640x480",
+            (Self::Draft, Method::Decoupled) => {
+                "F1 (1 ms) 0.96 to 0.99 on the built-in scenes at 640x480, ideal sensor"
+            }
+            (_, Method::Decoupled) => {
+                "F1 (1 ms) 0.98 to 0.99 on the built-in scenes at 640x480, ideal sensor"
+            }
+            (Self::Draft, _) => "F1 (1 ms) 0.77 to 0.97 on the built-in scenes at 640x480, ideal sensor",
+            (Self::Standard, _) => "F1 (1 ms) 0.88 to 0.98 on the built-in scenes at 640x480, ideal sensor",
+            (Self::High, _) => "F1 (1 ms) 0.98 to 0.99 on the built-in scenes at 640x480, ideal sensor",
+            (Self::Reference, _) => "F1 (1 ms) above 0.98 on the built-in scenes at 640x480, ideal sensor",
         }
     }
 }
@@ -155,7 +159,7 @@ impl SamplingSettings {
             && let Some(stage) = framed
         {
             notes.push(format!(
-                "the sensor takes {} frames per second: {stage} is defined on them",
+                "the sensor takes {} frames per second, since its `{stage}` is defined on frames",
                 self.rate_hz
             ));
         }
