@@ -26,6 +26,11 @@ pub fn wide(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
 }
 
+/// Least and greatest coordinates.
+pub fn bounding_box(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
+    points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
+}
+
 /// The triangles of `primitive`; two that share an edge are one facet where `merge` allows it and nothing tells them
 /// apart: one plane, a convex outline, and attributes that one affine map gives.
 pub fn facets(primitive: &Primitive, surface: u32, merge: bool) -> Vec<Facet> {

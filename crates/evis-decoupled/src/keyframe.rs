@@ -27,8 +27,8 @@ const MOST_CELLS: usize = 1 << 16;
 const MOST_SLICES: f64 = 6.0;
 /// Correlation of x and y in a footprint below which one rectangle will do.
 const SLANT: f64 = 0.05;
-/// Values of four channels that a picture holds per cell, at most.
-pub const MOST_PLANES: usize = 4;
+/// Values of four channels that a picture holds per cell, at most: of ten channels, at both ends of a block.
+pub const MOST_PLANES: usize = 6;
 /// Least part of its greatest 1/depth that a facet has anywhere in its picture.
 const LEAST_DEPTH_RATIO: f64 = 0.3;
 

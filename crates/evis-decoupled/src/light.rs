@@ -234,8 +234,8 @@ struct Shade {
     touched: u64,
 }
 
-/// Most lamps whose light is kept apart; further ones throw no shadows.
-pub const MOST_OWN: usize = 4;
+/// Most lamps whose light is kept apart, as there are bits in a byte; further ones throw no shadows.
+pub const MOST_OWN: usize = 8;
 
 /// What may throw shadows.
 #[derive(Clone, Copy)]
@@ -834,7 +834,7 @@ impl<'a> Lighting<'a> {
         let mapped = answer.maps.is_some();
         if mapped {
             // A normal map may face any lamp.
-            slot.lit = (1 << self.own.len()) - 1;
+            slot.lit = ((1_u16 << self.own.len()) - 1) as u8;
         }
         for end in 0..if mapped { 0 } else { self.ends(surface) } {
             slot.at[end] = tile.patches.len();
@@ -1140,6 +1140,8 @@ impl<'a> Lighting<'a> {
             match ends * groups {
                 1 => planes[..1].copy_from_slice(&page.means::<1>(sums, &footprint)?),
                 2 => planes[..2].copy_from_slice(&page.means::<2>(sums, &footprint)?),
+                3 => planes[..3].copy_from_slice(&page.means::<3>(sums, &footprint)?),
+                4 => planes[..4].copy_from_slice(&page.means::<4>(sums, &footprint)?),
                 _ => planes = page.means::<MOST_PLANES>(sums, &footprint)?,
             }
             Some(planes)

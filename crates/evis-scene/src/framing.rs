@@ -181,8 +181,9 @@ pub fn rigid_or_unrotated(world_from_node: &DMat4) -> DMat4 {
     rigid(world_from_node).unwrap_or_else(|| DMat4::from_translation(world_from_node.w_axis.truncate()))
 }
 
-/// World position of vertex `i`, morphed and skinned; `None` where it does not exist.
-pub(crate) fn deformed(
+/// World position of vertex `i`, in metres, morphed by `weights`, and carried by `world` or, where the primitive has joints, by
+/// `joint_matrices`; `None` where it does not exist.
+pub fn deformed(
     primitive: &Primitive,
     i: usize,
     world: &DMat4,

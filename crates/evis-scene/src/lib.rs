@@ -47,7 +47,7 @@ pub use distortion::Distortion;
 pub use drive::HostNames;
 pub use error::SceneError;
 pub use factors::{LightChange, LightFactors, MaterialChange, MaterialFactors};
-pub use framing::{rigid, rigid_or_unrotated};
+pub use framing::{deformed, rigid, rigid_or_unrotated};
 pub use host_poses::{HostJump, HostPoses, HostStep, VisibleSteps};
 pub use lens::{CalibratedLens, LensModel, PinholeLens};
 pub use model::*;
