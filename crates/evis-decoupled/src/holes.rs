@@ -198,15 +198,8 @@ struct Placed {
 impl Placed {
     /// Where it is on no texture.
     fn alone(primitive: &Primitive, facet: &Facet) -> Self {
-        let [a, b, c, d] = facet.corners.map(|c| wide(primitive.positions[c as usize]));
-        let (along, across, diagonal) = (b - a, d - a, c - a);
-        let normal = along.cross(across);
-        let area = normal.length_squared().max(1e-300);
-        let third = [diagonal.cross(across).dot(normal) / area, along.cross(diagonal).dot(normal) / area];
-        let mut outline = vec![[0.0; 2], [1.0, 0.0], third, [0.0, 1.0]];
-        if c == d {
-            outline.remove(2);
-        }
+        let mut outline = facet.outline(primitive).to_vec();
+        outline.dedup();
         Self { origin: DVec2::ZERO, along: DMat2::IDENTITY, outline }
     }
 }

@@ -20,11 +20,11 @@ use crate::coverage::{Moments, Polygon, Polygons};
 use crate::facets::{Facet, wide};
 use crate::fragment::{Line, Sight};
 use crate::hash::Words;
-use crate::keyframe::{Footprint, Keyframe, MOST_PLANES};
+use crate::keyframe::{self, Footprint, Keyframe, MOST_PLANES};
 use crate::lists::{Entry, Record};
 use crate::maps::{Map as TextureMap, MapReader, Maps};
 use crate::material::{self, Around, Lamp, Point, Response, respond};
-use crate::pages::{Pages, Picture};
+use crate::pages::{BEYOND_PX, Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::{Cells, Textures};
 use crate::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
@@ -1117,12 +1117,15 @@ impl<'a> Lighting<'a> {
         let maps = mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners);
         let surface = f.surface as usize;
         let planes = self.channels(surface).div_ceil(4) * self.ends(surface);
+        // Footprints reach a little beyond the facet.
+        let outline = f.outline(self.world.primitive(f.surface));
+        let lines = keyframe::outline(&picture.image_from_facet, &outline, BEYOND_PX);
         let mut reader = None;
         let shade = |place: [f64; 2], area: f64, out: &mut [[f32; 4]; MOST_PLANES]| {
             let reader = reader.get_or_insert_with(|| maps.reader(&self.shared.textures, area));
             self.shade_maps(facet, (mapped, reader), place, picture.front, out);
         };
-        Keyframe::of_light(picture.image_from_facet, maps.finest(), rect, planes, sums, shade)
+        Keyframe::of_light(picture.image_from_facet, (maps.finest(), &lines), rect, planes, sums, shade)
     }
 
     /// Luminance per area of entry `part.slot` with maps over `part.moments`.
