@@ -17,8 +17,8 @@ use crate::tiles::change;
 
 /// Cells per texel of the level that is read, at least.
 const PER_TEXEL: f64 = 3.0;
-/// Cells along a pixel's side, at most.
-const DENSITY: f64 = 8.0;
+/// Cells along a pixel's side, at most: base colour is not read from them, but for how the light goes with it.
+const DENSITY: f64 = 4.0;
 /// Cells along a pixel's side where light changes slowly: it bends with the normals between vertices.
 const LEAST_LIGHT_DENSITY: f64 = 3.0;
 /// Cells of a picture, at most.
