@@ -162,6 +162,23 @@ fn eight_lamps_throw_shadows() {
     }
 }
 
+/// Light is found at few places of a pixel, but not what a fine texture is there.
+#[test]
+fn fine_base_colour_is_not_that_of_few_places() {
+    let mut scene = scene(ShadingModel::Diffuse, None);
+    let size = 8 * TEXELS;
+    let texel = |i: u32| {
+        let value = noise(0, i % size, i / size);
+        [0.05 + 0.9 * value, 0.1 + 0.8 * value, 0.3, 1.0].map(f16::from_f32)
+    };
+    let texels = (0..size * size).map(texel).collect();
+    scene.images[0] = Image { name: "fine".into(), width: size, height: size, texels };
+    let settings = Settings { size: Some(SIZE), ..Settings::default() };
+    let error = off(&luminance(&scene, &settings, 49_152.0).unwrap(), &exact(&scene, SIZE, 49_152.0));
+    println!("{error:.4} off");
+    assert!(error < 0.014, "{error:.4}");
+}
+
 /// While things move, light is read from pictures of it.
 #[test]
 fn mapped_surfaces_fire_as_rays_say() {
