@@ -6,8 +6,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use evis_scene::environment::Environment;
 use evis_scene::{
-    AlphaMode, Image, Light, LightKind, Material, Mesh, MorphTarget, Node, Primitive, Scene, SceneState,
-    ShadingModel, Skin, Texture, TextureRef, Wrap,
+    AlphaMode, Image, Light, LightKind, Material, Mesh, MorphTarget, Node, PixelLens, Primitive, Scene,
+    SceneState, ShadingModel, Skin, Texture, TextureRef, Wrap,
 };
 use evis_truth::rays::Textures;
 use evis_truth::rays::geometry::Geometry;
@@ -59,12 +59,13 @@ fn still(scene: &Scene) -> SceneState {
 fn camera() -> Pinhole {
     Pinhole {
         world_from_camera: DMat4::from_translation(DVec3::new(0.0, 0.0, 2.0)),
-        focal: [100.0, 100.0],
-        center: [16.0, 12.0],
-        width: 32,
-        height: 24,
-        near: 0.01,
+        lens: PixelLens { focal: [100.0, 100.0], center: [16.0, 12.0], width: 32, height: 24, near: 0.01 },
     }
+}
+
+/// [`camera`] with another lens.
+fn with_lens(lens: PixelLens) -> Pinhole {
+    Pinhole { lens, ..camera() }
 }
 
 fn light(scene: &mut Scene, state: &mut SceneState, light: Light, pose: DMat4) {
@@ -156,7 +157,7 @@ fn labels_agree_with_a_tilted_plane() {
     assert_eq!(cards, 100, "0.2 m are 10 pixels");
     // A near plane behind the card shows what lies behind it; one behind everything shows nothing.
     for (near, instance, depth) in [(2.5, 1, true), (50.0, 0, false)] {
-        let labels = raster.labels(&Pinhole { near, ..camera });
+        let labels = raster.labels(&Pinhole { lens: PixelLens { near, ..camera.lens }, ..camera });
         assert_eq!(labels.instance[12 * 32 + 16], instance);
         assert_eq!(labels.depth[12 * 32 + 16].is_finite(), depth);
     }
@@ -503,10 +504,11 @@ fn mip_levels_follow_the_exact_footprint() {
     let biased = spread(&state, &camera(), 16.0);
     assert!((0.1..0.5 * 0.645).contains(&biased), "{biased}");
     // Magnified, it is the base level alone; the row of image points lies half a texel from the middle.
-    let magnified = Pinhole { focal: [1000.0; 2], center: [16.0, 12.3 - 500.0 / 512.0], ..camera() };
+    let magnified =
+        with_lens(PixelLens { focal: [1000.0; 2], center: [16.0, 12.3 - 500.0 / 512.0], ..camera().lens });
     assert!(spread(&state, &magnified, 1.0) > 0.45);
     // Seen at a slant the footprint is long in one axis, and the longer one counts.
-    let close = Pinhole { focal: [300.0; 2], ..camera() };
+    let close = with_lens(PixelLens { focal: [300.0; 2], ..camera().lens });
     let upright = spread(&state, &close, 1.0);
     state.world_from_node[0] = DMat4::from_rotation_x(-1.2);
     let slanted = spread(&state, &close, 1.0);
@@ -727,7 +729,7 @@ fn a_sample_s_share_of_a_texture_is_its_mean() {
     assert!(worst(averaged(1.0)) < 0.4);
     let magnified = |filter| {
         let options = Options { filter, shadows: false, ..Options::default() };
-        let camera = Pinhole { focal: [1000.0; 2], ..camera() };
+        let camera = with_lens(PixelLens { focal: [1000.0; 2], ..camera().lens });
         RayCaster::new(&scene, &state, &textures, options).radiance_at(&camera, [16.3, 12.3]).x
     };
     let exact = magnified(TextureFilter::BaseLevel);
