@@ -7,8 +7,7 @@ use evis_decoupled::{Settings, luminance};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    AlphaMode, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, Texture, TextureRef, Trs,
-    Wrap,
+    AlphaMode, Image, Lens, LightKind, Material, Mesh, Motion, Node, Scene, Texture, TextureRef, Trs, Wrap,
 };
 use evis_truth::{PixelChoice, TruthSettings, truth};
 use glam::{DQuat, DVec3};

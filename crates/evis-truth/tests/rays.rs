@@ -78,15 +78,7 @@ fn light(scene: &mut Scene, state: &mut SceneState, light: Light, pose: DMat4) {
 }
 
 fn lamp(kind: LightKind, intensity: f32) -> Light {
-    Light {
-        name: String::new(),
-        kind,
-        color: [1.0, 0.5, 0.25],
-        intensity,
-        range: None,
-        casts_shadow: false,
-        waveform: None,
-    }
+    Light::new("", kind, intensity).colored([1.0, 0.5, 0.25])
 }
 
 /// Radiance at the image point that sees the world's origin.
@@ -424,7 +416,7 @@ fn a_uniform_environment_is_reflected_without_gain() {
         height: 1,
         texels: vec![[f16::from_f32(0.5); 4]],
     });
-    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    scene.textures.push(Texture::new(0));
     scene.materials[0].occlusion_texture = Some(TextureRef::new(0));
     scene.materials[0].occlusion_strength = 0.5;
     near(at_center(&scene, &state), sky * 0.5 * 0.75, 1e-9);
@@ -487,7 +479,7 @@ fn mip_levels_follow_the_exact_footprint() {
     let material = Material { base_color_texture: Some(TextureRef::new(0)), ..unlit([1.0; 4]) };
     let mut scene = scene(vec![card(0.5, 0.5)], vec![material]);
     scene.images.push(ramp(256, 256, |x, y| ((x + y) % 2) as f32));
-    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    scene.textures.push(Texture::new(0));
     let mut state = still(&scene);
     let spread = |state: &SceneState, camera: &Pinhole, samples: f64| {
         let options =
@@ -531,7 +523,7 @@ fn normal_maps_tilt_in_the_texture_s_frame_also_in_a_mirror() {
     };
     let mut scene = scene(vec![card(1.0, 1.0)], vec![material]);
     scene.images.push(Image { name: String::new(), width: 1, height: 1, texels: vec![tilted] });
-    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    scene.textures.push(Texture::new(0));
     let mut state = still(&scene);
     // Light from straight above: along the tilted normal's 45 degrees.
     let sun = Light { color: [1.0; 3], ..lamp(LightKind::Directional, PI as f32) };
@@ -709,7 +701,7 @@ fn a_sample_s_share_of_a_texture_is_its_mean() {
     let material = Material { base_color_texture: Some(TextureRef::new(0)), ..unlit([1.0; 4]) };
     let mut scene = scene(vec![card(0.5, 0.5)], vec![material]);
     scene.images.push(ramp(256, 256, |x, _| (x % 2) as f32));
-    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    scene.textures.push(Texture::new(0));
     let state = still(&scene);
     let textures = Textures::new(&scene);
     let worst = |filter| {

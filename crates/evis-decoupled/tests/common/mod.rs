@@ -46,31 +46,12 @@ pub fn off(found: &[f64], exact: &[f64]) -> f64 {
 
 /// A camera of the run's size and sensor.
 pub fn camera(node: usize, lens: Lens) -> Camera {
-    Camera {
-        name: "camera".into(),
-        node,
-        lens,
-        width: None,
-        height: None,
-        aspect: None,
-        near: 0.05,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
-    }
+    Camera { near: 0.05, ..Camera::new("camera", node, lens) }
 }
 
 /// A steady light without a range.
 pub fn light(kind: LightKind, casts_shadow: bool, intensity: f32) -> Light {
-    Light {
-        kind,
-        casts_shadow,
-        intensity,
-        color: [1.0, 0.9, 0.8],
-        name: String::new(),
-        range: None,
-        waveform: None,
-    }
+    Light { color: [1.0, 0.9, 0.8], casts_shadow, ..Light::new("", kind, intensity) }
 }
 
 /// F1 within 1 ms, scaled, of what `scene` makes an ideal sensor fire, against a truth of these settings; and how many events
