@@ -9,7 +9,8 @@ use std::collections::HashMap;
 use std::sync::Arc;
 
 use evis_scene::{
-    AlphaMode, Image, Material, MorphTarget, Primitive, Scene, SceneState, Texture, Variant, Wrap, deformed,
+    AlphaMode, Image, Material, MorphTarget, PixelLens, Primitive, Scene, SceneState, Texture, Variant, Wrap,
+    deformed,
 };
 use glam::{DMat2, DMat4, DVec2, DVec3};
 use i_overlay::core::fill_rule::FillRule;
@@ -144,9 +145,9 @@ impl Viewpoints {
                 scene.evaluate_variant(variant, end_s * f64::from(k) / f64::from(TIMES - 1), &mut state);
                 let cameras = (0..scene.cameras.len()).filter_map(|index| {
                     let camera = scene.camera_in(variant, index, f64::INFINITY)?;
-                    let (focal, _) = camera.intrinsics(camera.pixels(size));
+                    let PixelLens { focal, near, .. } = PixelLens::new(&camera, size);
                     let eye = state.world_from_node.get(camera.node)?.w_axis.truncate();
-                    Some(Viewpoint { eye, focal: focal[0].max(focal[1]), near: camera.near })
+                    Some(Viewpoint { eye, focal: focal[0].max(focal[1]), near })
                 });
                 let cameras = cameras.collect();
                 moments.push(Moment { state, cameras });

@@ -5,14 +5,13 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use evis_scene::motion::Path;
-use evis_scene::{Motion, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
+use evis_scene::{Motion, PixelLens, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
 use crate::facets::{Facet, bounding_box, facets, wide};
 use crate::hash::Words;
 use crate::holes::Holes;
-use crate::lens::PixelLens;
 use crate::tiles::{LensTiles, TileView};
 
 /// Facets that are culled together.
@@ -117,7 +116,7 @@ impl<'a> World<'a> {
         holes: &Arc<Holes>,
         others: &[Self],
     ) -> Result<Self, Error> {
-        let lens = PixelLens::new(scene, variant, camera, size, f64::INFINITY)?;
+        let lens = scene.pixel_lens(variant, camera, size, f64::INFINITY)?;
         let moving_nodes = moving_nodes(scene);
         let tiles = match others.iter().find(|other| other.camera == camera && other.lens == lens) {
             Some(other) => other.tiles.clone(),
@@ -206,7 +205,7 @@ impl<'a> World<'a> {
             let name = &self.scene.cameras[self.camera].name;
             return Err(Error::Camera(format!("camera '{name}' has no pose at {t_us} us")));
         };
-        let lens = PixelLens::new(self.scene, self.variant, self.camera, self.size, t_us)?;
+        let lens = self.scene.pixel_lens(self.variant, self.camera, self.size, t_us)?;
         let [fx, fy] = lens.focal;
         let [cx, cy] = lens.center;
         let screen_from_camera = DMat4::from_cols_array(&[
