@@ -169,7 +169,6 @@ pub(crate) fn measured(
         score(events, &truth, sensor, tolerances_us)
     };
     let points = measure(&series, &judge, &|part| progress(Stage::Runs, part))?;
-    let device = gpu.summary();
     Ok(SceneChart {
         scene: name.to_owned(),
         run_as: None,
@@ -182,12 +181,8 @@ pub(crate) fn measured(
         sensor: truth.sensor.clone(),
         reference_luminance: truth.reference_luminance,
         evis: env!("CARGO_PKG_VERSION").into(),
-        measured: date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())),
-        device: DeviceNote {
-            name: device.name.clone(),
-            driver: device.driver.clone(),
-            cores: std::thread::available_parallelism().map_or(0, usize::from),
-        },
+        measured: today(),
+        device: DeviceNote::of(gpu),
         repetitions: settings.repetitions,
         truth: TruthNote {
             pixels: truth.pixels.len(),
@@ -305,8 +300,13 @@ pub(crate) fn first_environment(scene: &Scene) -> Arc<Scene> {
     Arc::new(scene)
 }
 
+/// YYYY-MM-DD of now, in UTC.
+pub(crate) fn today() -> String {
+    date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs()))
+}
+
 /// YYYY-MM-DD of a time since 1970 (H. Hinnant, "chrono-compatible low-level date algorithms", civil_from_days).
-pub(crate) fn date(seconds: u64) -> String {
+fn date(seconds: u64) -> String {
     let days = (seconds / 86_400) as i64 + 719_468;
     let era = days.div_euclid(146_097);
     let day_of_era = days.rem_euclid(146_097);

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use evis_core::metric::{DEFAULT_TOLERANCES_US, Score};
 use evis_core::{ConfigError, SensorConfig};
+use evis_render::Gpu;
 use serde::{Deserialize, Serialize};
 
 use crate::error::ChartError;
@@ -75,6 +76,18 @@ pub struct DeviceNote {
     pub driver: String,
     /// Cores of the host that the process may use.
     pub cores: usize,
+}
+
+impl DeviceNote {
+    /// Of `gpu`, and of this process.
+    pub(crate) fn of(gpu: &Gpu) -> Self {
+        let device = gpu.summary();
+        Self {
+            name: device.name.clone(),
+            driver: device.driver.clone(),
+            cores: std::thread::available_parallelism().map_or(0, usize::from),
+        }
+    }
 }
 
 /// What the points were scored against.

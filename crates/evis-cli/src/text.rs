@@ -1,7 +1,9 @@
 //! Output: text for people, JSON for machines; a closed pipe ends quietly.
 
 use std::io::Write;
+use std::path::Path;
 
+use anyhow::Context;
 use evis_core::limits::printable;
 use serde::Serialize;
 
@@ -25,6 +27,13 @@ pub(crate) fn warn(warning: &str) {
 pub(crate) fn say_json(value: &impl Serialize) -> anyhow::Result<()> {
     say(&serde_json::to_string_pretty(value)?);
     Ok(())
+}
+
+/// Writes `value` as indented JSON to the file `path`.
+pub(crate) fn write_json(path: &Path, value: &impl Serialize) -> anyhow::Result<()> {
+    let json = serde_json::to_string_pretty(value)? + "\n";
+    evis_core::limits::write_whole(path, json.as_bytes())
+        .with_context(|| format!("cannot write {}", path.display()))
 }
 
 /// `12 345 678`, with spaces that do not break.

@@ -3,7 +3,6 @@
 use std::path::PathBuf;
 use std::time::Instant;
 
-use anyhow::Context;
 use evis_core::{SensorConfig, Transfer};
 use evis_format::Format;
 use evis_video::{
@@ -93,9 +92,7 @@ pub(crate) fn video(args: &VideoArgs, upsampler: &MakeUpsampler) -> anyhow::Resu
         text::warn(warning);
     }
     if let Some(path) = &args.report {
-        let json = serde_json::to_string_pretty(&report)?;
-        evis_core::limits::write_whole(path, (json + "\n").as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        text::write_json(path, &report)?;
     }
     if let Some(trace) = trace {
         trace.finish()?;

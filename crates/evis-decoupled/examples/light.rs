@@ -4,7 +4,7 @@
 //! ln(Y / Y_ref + 1e-3) and the worst pixels.
 
 use evis_decoupled::{Settings, luminance};
-use evis_scene::{SceneState, source};
+use evis_scene::{PixelLens, SceneState, source};
 use evis_truth::Lattice;
 use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
 
@@ -40,15 +40,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let caster = RayCaster::new(&scene, &state, &textures, options);
         let open = Options { shadows: false, ..options };
         let open = RayCaster::new(&scene, &state, &textures, open);
-        let world = evis_decoupled::world::World::new(&scene, 0, settings.size)?;
-        let lens = world.lens;
         let pinhole = Pinhole {
             world_from_camera: scene.world_from_camera(0, &state).ok_or("no pose")?,
-            focal: lens.focal,
-            center: lens.center,
-            width: width as usize,
-            height: height as usize,
-            near: lens.near,
+            lens: PixelLens::new(&scene.cameras[0], settings.size),
         };
         for i in 0..count {
             let f = i as f64 + part * 1e4;

@@ -21,9 +21,30 @@ pub struct Facet {
     pub surface: u32,
 }
 
+impl Facet {
+    /// Its corners' (s, t).
+    pub fn outline(&self, primitive: &Primitive) -> [[f64; 2]; CORNERS] {
+        let [a, b, c, d] = self.corners.map(|c| wide(primitive.positions[c as usize]));
+        let (along, across, diagonal) = (b - a, d - a, c - a);
+        let normal = along.cross(across);
+        let area = normal.length_squared();
+        let third = if self.corners[2] == self.corners[3] || area == 0.0 {
+            [0.0, 1.0]
+        } else {
+            [diagonal.cross(across).dot(normal) / area, along.cross(diagonal).dot(normal) / area]
+        };
+        [[0.0; 2], [1.0, 0.0], third, [0.0, 1.0]]
+    }
+}
+
 /// In f64.
 pub fn wide(v: [f32; 3]) -> DVec3 {
     DVec3::from_array(v.map(f64::from))
+}
+
+/// Least and greatest coordinates.
+pub fn bounding_box(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
+    points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
 }
 
 /// The triangles of `primitive`; two that share an edge are one facet where `merge` allows it and nothing tells them

@@ -1,14 +1,16 @@
 //! Surfaces with an alpha mask as surfaces without one: their holes are cut out, once.
 //!
 //! glTF 2.0, 3.9.4: a masked surface exists where alpha reaches its cutoff. On a facet, texture coordinates are affine, so that
-//! part is bounded by the contour of the texture's alpha, bilinear between texels. It is cut into triangles, after which nothing
-//! needs to know of masks: coverage, occlusion and shadows are exact as for any mesh.
+//! part is bounded by the contour of the texture's alpha, bilinear between texels, times that of its vertices, which is affine,
+//! too. It is cut into triangles, after which nothing needs to know of masks: coverage, occlusion and shadows are exact as for
+//! any mesh. Where a mesh has a skeleton, new vertices follow those of the triangle that they lie in.
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
 use evis_scene::{
-    AlphaMode, Image, Material, MorphTarget, Primitive, Scene, SceneState, Texture, Variant, Wrap,
+    AlphaMode, Image, Material, MorphTarget, PixelLens, Primitive, Scene, SceneState, Texture, Variant, Wrap,
+    deformed,
 };
 use glam::{DMat2, DMat4, DVec2, DVec3};
 use i_overlay::core::fill_rule::FillRule;
@@ -18,7 +20,7 @@ use i_triangle::float::triangulatable::Triangulatable;
 
 use crate::Error;
 use crate::contour::{Grid, Ring, area, simplified};
-use crate::facets::{Facet, facets, wide};
+use crate::facets::{Facet, bounding_box, facets, wide};
 use crate::hash::Words;
 use crate::maps::texels;
 use crate::texture::wrap_index;
@@ -40,12 +42,25 @@ const MOST_CORNERS: usize = 1 << 22;
 const MOST_PIECES: usize = 1 << 20;
 
 const TOO_MANY: &str = "holes (alpha mask) with more than 4 194 304 corners";
+const TOO_MANY_PIECES: &str = "holes (alpha mask) that leave more than 1 048 576 triangles";
+
+/// Between texels that are not interpolated, alpha changes within this part of a texel to either side.
+const STEP: f64 = 1e-3;
 
 /// The masked primitives of a scene, without their holes.
 #[derive(Debug, Default)]
 pub struct Holes {
     /// By mesh and number in it.
-    cut: HashMap<(usize, usize), Primitive, Words>,
+    cut: HashMap<(usize, usize), Cut, Words>,
+}
+
+/// A primitive without its holes.
+#[derive(Debug)]
+pub struct Cut {
+    /// With all vertices of the whole one, and new ones after them.
+    pub primitive: Primitive,
+    /// Of each new vertex, the corners of its facet and their weights.
+    pub blends: Vec<([u32; 3], [f64; 3])>,
 }
 
 impl Holes {
@@ -63,22 +78,23 @@ impl Holes {
             if nodes().next().is_none() {
                 continue;
             }
-            let skinned = nodes().any(|node| node.skin.is_some());
+            let skins: Vec<usize> = nodes().filter_map(|node| node.skin).collect();
             for (number, primitive) in mesh.primitives.iter().enumerate() {
                 let Some(material) = scene.materials.get(primitive.material) else { continue };
                 let AlphaMode::Mask(cutoff) = material.alpha else { continue };
                 let refuse = |what: &str| {
                     Err(Error::Unsupported(format!("material {:?}: it has {what}", material.name)))
                 };
-                if skinned && primitive.joints.is_some() {
-                    return refuse("holes (alpha mask) in a mesh with a skeleton");
-                }
                 let room = MOST_PIECES.saturating_sub(pieces);
                 let viewpoints = viewpoints.get_or_insert_with(|| Viewpoints::new(scene, size));
-                let per_metre = viewpoints.pixels_per_metre(scene, index, primitive);
-                match cut(scene, primitive, material, (f64::from(cutoff), per_metre), &mut outlines, room) {
+                let skins = if primitive.joints.is_some() { &skins[..] } else { &[] };
+                let per_metre = viewpoints.pixels_per_metre(scene, index, primitive, skins);
+                let merge = skins.is_empty() && primitive.morph_targets.is_empty();
+                let facets = facets(primitive, 0, merge);
+                let asked = (f64::from(cutoff), per_metre, room);
+                match cut(scene, primitive, material, &facets, asked, &mut outlines) {
                     Ok(own) => {
-                        pieces += own.indices.len() / 3;
+                        pieces += own.primitive.indices.len() / 3;
                         holes.cut.insert((index, number), own);
                     }
                     Err(what) => return refuse(what),
@@ -90,7 +106,13 @@ impl Holes {
 
     /// Primitive `number` of mesh `mesh`, without its holes.
     pub fn primitive<'p>(&'p self, scene: &'p Scene, mesh: usize, number: usize) -> &'p Primitive {
-        self.cut.get(&(mesh, number)).unwrap_or_else(|| &scene.meshes[mesh].primitives[number])
+        let whole = || &scene.meshes[mesh].primitives[number];
+        self.cut.get(&(mesh, number)).map_or_else(whole, |cut| &cut.primitive)
+    }
+
+    /// How new vertices of that primitive, which come last, follow others.
+    pub fn blends(&self, mesh: usize, number: usize) -> &[([u32; 3], [f64; 3])] {
+        self.cut.get(&(mesh, number)).map_or(&[], |cut| &cut.blends)
     }
 }
 
@@ -100,8 +122,7 @@ struct Viewpoints {
 }
 
 struct Moment {
-    /// Poses of nodes.
-    poses: Vec<DMat4>,
+    state: SceneState,
     cameras: Vec<Viewpoint>,
 }
 
@@ -118,37 +139,48 @@ impl Viewpoints {
             if scene.variants.is_empty() { vec![None] } else { scene.variants.iter().map(Some).collect() };
         let end_s = scene.duration_s.unwrap_or(SECONDS);
         let mut moments = Vec::new();
-        let mut state = SceneState::default();
         for variant in variants {
             for k in 0..TIMES {
+                let mut state = SceneState::default();
                 scene.evaluate_variant(variant, end_s * f64::from(k) / f64::from(TIMES - 1), &mut state);
                 let cameras = (0..scene.cameras.len()).filter_map(|index| {
                     let camera = scene.camera_in(variant, index, f64::INFINITY)?;
-                    let (focal, _) = camera.intrinsics(camera.pixels(size));
+                    let PixelLens { focal, near, .. } = PixelLens::new(&camera, size);
                     let eye = state.world_from_node.get(camera.node)?.w_axis.truncate();
-                    Some(Viewpoint { eye, focal: focal[0].max(focal[1]), near: camera.near })
+                    Some(Viewpoint { eye, focal: focal[0].max(focal[1]), near })
                 });
                 let cameras = cameras.collect();
-                moments.push(Moment { poses: state.world_from_node.clone(), cameras });
+                moments.push(Moment { state, cameras });
             }
         }
         Self { moments }
     }
 
-    /// The most pixels that a metre of `primitive`, which is of mesh `mesh`, has.
-    fn pixels_per_metre(&self, scene: &Scene, mesh: usize, primitive: &Primitive) -> f64 {
+    /// The most pixels that a metre of `primitive`, which is of mesh `mesh`, has, also where one of `skins` deforms it.
+    fn pixels_per_metre(&self, scene: &Scene, mesh: usize, primitive: &Primitive, skins: &[usize]) -> f64 {
         let points = || primitive.positions.iter().map(|p| wide(*p));
-        let (low, high) =
-            (points().fold(DVec3::INFINITY, DVec3::min), points().fold(DVec3::NEG_INFINITY, DVec3::max));
+        let [low, high] = bounding_box(points());
         let nodes = || scene.nodes.iter().enumerate().filter(|(_, node)| node.mesh == Some(mesh));
         let mut most = 0.0_f64;
-        for Moment { poses, cameras } in &self.moments {
-            for pose in nodes().filter_map(|(index, _)| poses.get(index)) {
+        let mut joints = Vec::new();
+        for Moment { state, cameras } in &self.moments {
+            let distance = |eye: DVec3, low: DVec3, high: DVec3| eye.distance(eye.clamp(low, high));
+            for skin in skins {
+                scene.joint_matrices(*skin, state, &mut joints);
+                let posed = (0..primitive.positions.len())
+                    .filter_map(|v| deformed(primitive, v, &DMat4::IDENTITY, &[], &joints));
+                let [posed_low, posed_high] = bounding_box(posed);
+                let scale = (posed_high - posed_low).length() / (high - low).length().max(1e-12);
+                for Viewpoint { eye, focal, near } in cameras {
+                    most = most.max(scale * focal / distance(*eye, posed_low, posed_high).max(*near));
+                }
+            }
+            let rigid = nodes().filter(|(_, node)| node.skin.is_none() || skins.is_empty());
+            for pose in rigid.filter_map(|(index, _)| state.world_from_node.get(index)) {
                 let scale = pose.determinant().abs().cbrt();
                 let inverse = pose.inverse();
                 for Viewpoint { eye, focal, near } in cameras {
-                    let own = inverse.transform_point3(*eye);
-                    let distance = scale * own.distance(own.clamp(low, high));
+                    let distance = scale * distance(inverse.transform_point3(*eye), low, high);
                     most = most.max(scale * focal / distance.max(*near));
                 }
             }
@@ -164,11 +196,117 @@ struct Placed {
     outline: Ring,
 }
 
+impl Placed {
+    /// Where it is on no texture.
+    fn alone(primitive: &Primitive, facet: &Facet) -> Self {
+        let mut outline = facet.outline(primitive).to_vec();
+        outline.dedup();
+        Self { origin: DVec2::ZERO, along: DMat2::IDENTITY, outline }
+    }
+}
+
 /// Low and high ends along both axes.
 fn bounds(ring: &Ring) -> [[f64; 2]; 2] {
     let of = |k: usize| ring.iter().map(move |p| p[k]);
     let end = |f: fn(f64, f64) -> f64, from: f64| [0, 1].map(|k| of(k).fold(from, f));
     [end(f64::min, f64::INFINITY), end(f64::max, f64::NEG_INFINITY)]
+}
+
+/// At how many places per texel, along either axis, contours are sampled in an image of `size` texels: a chord of a cell is off by
+/// some tenth of it.
+fn finer(size: u32, tolerance: f64) -> usize {
+    let wanted = (4.0 * TOLERANCE_PX / tolerance).ceil() as u32;
+    wanted.min(MOST_PLACES / size.max(1)).clamp(1, MOST_FINER) as usize
+}
+
+/// Alpha of a texture.
+struct AlphaMap<'a> {
+    texture: &'a Texture,
+    image: &'a Image,
+}
+
+impl AlphaMap<'_> {
+    fn texel(&self, x: i32, y: i32) -> f64 {
+        let (width, height) = (self.image.width as usize, self.image.height as usize);
+        let row = wrap_index(y, height as i32, self.texture.wrap_v);
+        let column = wrap_index(x, width as i32, self.texture.wrap_u);
+        let alpha = f64::from(self.image.texels[row * width + column][3].to_f32());
+        if alpha.is_finite() { alpha } else { 0.0 }
+    }
+
+    /// At a place in texels from the corner of the first one.
+    fn at(&self, [x, y]: [f64; 2]) -> f64 {
+        if self.texture.nearest {
+            return self.texel(x.floor() as i32, y.floor() as i32);
+        }
+        let [u, v] = [x - 0.5, y - 0.5];
+        let (i, j) = (u.floor(), v.floor());
+        let (a, b) = (u - i, v - j);
+        let of = |right: i32, down: i32| self.texel(i as i32 + right, j as i32 + down);
+        (1.0 - b) * ((1.0 - a) * of(0, 0) + a * of(1, 0)) + b * ((1.0 - a) * of(0, 1) + a * of(1, 1))
+    }
+}
+
+/// Lines of a grid along an axis: their places, and where in the texture is read what holds there.
+struct Lines {
+    places: Vec<f64>,
+    read: Vec<f64>,
+}
+
+impl Lines {
+    /// Over a range of whole texels: from middle to middle, `finer` per texel; or both sides of each border of `steps`.
+    fn new(texels: std::ops::Range<f64>, steps: bool, finer: usize) -> Self {
+        let count = (texels.end - texels.start) as usize;
+        if steps {
+            let (mut places, mut read) = (Vec::new(), Vec::new());
+            for k in 0..count {
+                let at = texels.start + k as f64;
+                places.extend([
+                    if k == 0 { at } else { at + STEP },
+                    if k + 1 == count { at + 1.0 } else { at + 1.0 - STEP },
+                ]);
+                read.extend([at + 0.5; 2]);
+            }
+            return Self { places, read };
+        }
+        let places: Vec<f64> =
+            (0..=count * finer).map(|j| texels.start + 0.5 + j as f64 / finer as f64).collect();
+        Self { read: places.clone(), places }
+    }
+
+    /// Adds lines before and after all others.
+    fn extend(&mut self, first: f64, last: f64) {
+        for lines in [&mut self.places, &mut self.read] {
+            lines.insert(0, first);
+            lines.push(last);
+        }
+    }
+}
+
+/// Rings around all in which a value, a function of place and of where in the texture is read, reaches `level`, to
+/// `tolerance` texels. Nothing is beyond the first and last lines.
+fn rings(
+    [mut across, mut down]: [Lines; 2],
+    level: f64,
+    tolerance: f64,
+    value: &dyn Fn([f64; 2], [f64; 2]) -> f64,
+) -> Vec<Ring> {
+    let ends = [&mut across, &mut down].map(|lines| {
+        let [first, last] = [0, lines.places.len() - 1].map(|k| lines.places[k]);
+        lines.extend(first, last);
+        [first, last]
+    });
+    let last = [across.places.len() - 1, down.places.len() - 1];
+    let at = |x: usize, y: usize| {
+        if x == 0 || y == 0 || x == last[0] || y == last[1] {
+            return level - 1.0;
+        }
+        value([across.places[x], down.places[y]], [across.read[x], down.read[y]])
+    };
+    let on_border = |p: [f64; 2]| (0..2).any(|k| ends[k].contains(&p[k]));
+    let rings = Grid { lines: [across.places.clone(), down.places.clone()], value: &at }.rings(level);
+    let rings = rings.iter().map(|ring| simplified(ring, tolerance, &on_border));
+    rings.filter(|ring| ring.len() >= 3).collect()
 }
 
 /// Where alpha of a texture reaches a level: the rings of one period, with their bounds.
@@ -186,6 +324,12 @@ struct Outlines {
 }
 
 impl Outlines {
+    /// Counts the corners of `rings`.
+    fn count(&mut self, rings: &[Ring]) -> Result<(), &'static str> {
+        self.corners += rings.iter().map(Vec::len).sum::<usize>();
+        if self.corners > MOST_CORNERS { Err(TOO_MANY) } else { Ok(()) }
+    }
+
     /// That of `texture`, number `number` of the scene, to `tolerance` texels; what is clamped is wanted `reach` texels beyond its
     /// borders.
     fn of(
@@ -206,57 +350,29 @@ impl Outlines {
 impl Outline {
     fn new(texture: &Texture, image: &Image, level: f64, reach: f64, tolerance: f64) -> Self {
         let size = [image.width, image.height];
-        // A chord of a cell is off by some tenth of it.
-        let wanted = (4.0 * TOLERANCE_PX / tolerance).ceil() as u32;
-        let finer = wanted.min(MOST_PLACES / size[0].max(size[1])).clamp(1, MOST_FINER) as usize;
-        let wraps = [texture.wrap_u, texture.wrap_v];
-        // From the middle of the first texel on.
-        let axis = |k: usize| -> (Vec<f64>, Option<f64>) {
+        let finer = finer(size[0].max(size[1]), tolerance);
+        // One period, or all that is wanted, from the middle of the first texel on; or from its border, of steps.
+        let axis = |k: usize| -> (Lines, Option<f64>) {
             let texels = size[k] as usize;
-            let (steps, period) = match wraps[k] {
-                Wrap::Repeat => (texels, Some(texels as f64)),
-                Wrap::Mirror => (2 * texels, Some(2.0 * texels as f64)),
-                Wrap::Clamp => (texels - 1, None),
+            let (period, wanted) = match [texture.wrap_u, texture.wrap_v][k] {
+                Wrap::Repeat => (Some(texels), 0..texels),
+                Wrap::Mirror => (Some(2 * texels), 0..2 * texels),
+                Wrap::Clamp => (None, 0..texels - usize::from(!texture.nearest)),
             };
-            let inner = (0..=steps * finer).map(|j| 0.5 + j as f64 / finer as f64);
-            let mut lines: Vec<f64> = inner.collect();
+            let mut lines = Lines::new(wanted.start as f64..wanted.end as f64, texture.nearest, finer);
             if period.is_none() {
-                lines.insert(0, -reach);
-                lines.push(texels as f64 + reach);
+                lines.extend(-reach, texels as f64 + reach);
             }
-            // The border, beyond which nothing is.
-            lines.insert(0, lines[0]);
-            lines.push(lines[lines.len() - 1]);
-            (lines, period)
+            (lines, period.map(|period| period as f64))
         };
         let [(across, period_u), (down, period_v)] = [axis(0), axis(1)];
-        let alpha = |x: i32, y: i32| {
-            let at = wrap_index(y, size[1] as i32, wraps[1]) * size[0] as usize
-                + wrap_index(x, size[0] as i32, wraps[0]);
-            let alpha = f64::from(image.texels[at][3].to_f32());
-            if alpha.is_finite() { alpha } else { 0.0 }
-        };
-        let last = [across.len() - 1, down.len() - 1];
-        let value = |x: usize, y: usize| {
-            if x == 0 || y == 0 || x == last[0] || y == last[1] {
-                return level - 1.0;
-            }
-            let [u, v] = [across[x] - 0.5, down[y] - 0.5];
-            let (i, j) = (u.floor(), v.floor());
-            let (a, b) = (u - i, v - j);
-            let (i, j) = (i as i32, j as i32);
-            (1.0 - b) * ((1.0 - a) * alpha(i, j) + a * alpha(i + 1, j))
-                + b * ((1.0 - a) * alpha(i, j + 1) + a * alpha(i + 1, j + 1))
-        };
-        let ends = [[across[0], across[last[0]]], [down[0], down[last[1]]]];
-        let on_border = |p: [f64; 2]| (0..2).any(|k| ends[k].contains(&p[k]));
-        let rings = Grid { lines: [across.clone(), down.clone()], value: &value }.rings(level);
-        let rings = rings.iter().map(|ring| simplified(ring, tolerance, &on_border));
-        let whole = rings.filter(|ring| ring.len() >= 3).map(|ring| {
+        let alpha = AlphaMap { texture, image };
+        let rings = rings([across, down], level, tolerance, &|_, texel| alpha.at(texel));
+        let with_bounds = rings.into_iter().map(|ring| {
             let bounds = bounds(&ring);
             (ring, bounds)
         });
-        Self { rings: whole.collect(), periods: [period_u, period_v] }
+        Self { rings: with_bounds.collect(), periods: [period_u, period_v] }
     }
 
     /// The rings that may meet a box, of all periods; `None` where these are too many.
@@ -287,16 +403,16 @@ impl Outline {
     }
 }
 
-/// `primitive` where its alpha reaches `cutoff`, in at most `room` triangles; what is wrong where that cannot be. A metre of it
-/// has up to `per_metre` pixels.
+/// `primitive`, which has these `facets`, where its alpha reaches `cutoff`, in at most `room` triangles; what is wrong where that
+/// cannot be. A metre of it has up to `per_metre` pixels.
 fn cut(
     scene: &Scene,
     primitive: &Primitive,
     material: &Material,
-    (cutoff, per_metre): (f64, f64),
+    facets: &[Facet],
+    (cutoff, per_metre, room): (f64, f64, usize),
     outlines: &mut Outlines,
-    room: usize,
-) -> Result<Primitive, &'static str> {
+) -> Result<Cut, &'static str> {
     let mut out = Pieces::new(primitive);
     let map = material.base_color_texture.and_then(|map| {
         let texture = scene.textures.get(map.texture)?;
@@ -304,7 +420,6 @@ fn cut(
         primitive.uvs.get(map.uv_set as usize)?.as_ref()?;
         Some((map, texture, image))
     });
-    let facets = facets(primitive, 0, primitive.morph_targets.is_empty());
     let placed = |facet: &Facet| {
         let (map, _, image) = map.as_ref()?;
         let size = DVec2::new(image.width.into(), image.height.into());
@@ -322,25 +437,39 @@ fn cut(
         facets.iter().filter_map(placed).map(|own| area(&own.outline).abs()).filter(|a| a.is_finite());
     let per_texel = per_metre * (metres / texels.sum::<f64>().max(1e-12)).sqrt();
     let tolerance = (TOLERANCE_PX / per_texel).clamp(TOLERANCE[0], TOLERANCE[1]).log2().floor().exp2();
-    for facet in &facets {
+    for facet in facets {
         let alphas = facet.corners.map(|c| {
             let colors = primitive.colors.as_ref().and_then(|colors| colors.get(c as usize));
             f64::from(material.base_color[3]) * colors.map_or(1.0, |color| f64::from(color[3]))
         });
+        if cutoff <= 0.0 {
+            out.keep(facet);
+            continue;
+        }
+        let on_map = map.as_ref().zip(placed(facet));
         if alphas.iter().any(|a| (a - alphas[0]).abs() > 1e-6) {
-            return Err("holes (alpha mask) whose alpha differs between vertices");
+            let own = match &on_map {
+                Some((_, own)) if !finite(own) => continue,
+                Some((_, own)) if own.along.determinant().abs() >= 1e-9 => own,
+                _ => &Placed::alone(primitive, facet),
+            };
+            let map =
+                on_map.as_ref().map(|((_, texture, image), place)| (AlphaMap { texture, image }, place));
+            let rings = shaded_rings(map, own, alphas, cutoff, tolerance).ok_or(TOO_MANY)?;
+            outlines.count(&rings)?;
+            out.add_within(facet, own, &rings);
+            if out.triangles() > room {
+                return Err(TOO_MANY_PIECES);
+            }
+            continue;
         }
         let level = cutoff / alphas[0];
-        let Some(((map, texture, image), own)) = map.as_ref().zip(placed(facet)) else {
+        let Some(((map, texture, image), own)) = on_map else {
             if alphas[0] >= cutoff {
                 out.keep(facet);
             }
             continue;
         };
-        if cutoff <= 0.0 {
-            out.keep(facet);
-            continue;
-        }
         // Nothing is left of what is transparent, nor of what has no usable texture coordinates.
         if !level.is_finite() || !finite(&own) {
             continue;
@@ -356,30 +485,49 @@ fn cut(
             continue;
         }
         let Some(rings) = outline.within(bounds(&own.outline)) else { return Err(TOO_MANY) };
-        outlines.corners += rings.iter().map(Vec::len).sum::<usize>();
-        if outlines.corners > MOST_CORNERS {
-            return Err(TOO_MANY);
-        }
-        let shapes = rings.overlay(&own.outline, OverlayRule::Intersect, FillRule::NonZero);
-        let left: f64 = shapes.iter().flatten().map(|ring| area(ring)).sum::<f64>().abs();
-        let whole = area(&own.outline).abs();
-        let least = LEAST_AREA.min(LEAST_PART * whole);
-        if (left - whole).abs() < least {
-            out.keep(facet);
-            continue;
-        }
-        let large: Vec<Vec<Ring>> = shapes
-            .into_iter()
-            .map(|shape| shape.into_iter().filter(|r| area(r).abs() > least).collect::<Vec<_>>())
-            .filter(|shape: &Vec<Ring>| !shape.is_empty())
-            .collect();
-        let mesh = large.triangulate().to_triangulation::<u32>();
-        out.add(facet, &own, &mesh.points, &mesh.indices);
-        if out.cut.indices.len() / 3 > room {
-            return Err("holes (alpha mask) that leave more than 1 048 576 triangles");
+        outlines.count(&rings)?;
+        out.add_within(facet, &own, &rings);
+        if out.triangles() > room {
+            return Err(TOO_MANY_PIECES);
         }
     }
     Ok(out.cut)
+}
+
+/// Rings around all of a facet, which is `own`, in which alpha of `map`, where that and the facet's place on it are known, times
+/// that of its first, second, third and last corner reaches `level`; `None` where it has too much detail.
+fn shaded_rings(
+    map: Option<(AlphaMap, &Placed)>,
+    own: &Placed,
+    alphas: [f64; 4],
+    level: f64,
+    tolerance: f64,
+) -> Option<Vec<Ring>> {
+    let to_facet = own.along.inverse();
+    let of_corners = |p: [f64; 2]| {
+        let at = to_facet * (DVec2::from_array(p) - own.origin);
+        alphas[0] + at.x * (alphas[1] - alphas[0]) + at.y * (alphas[3] - alphas[0])
+    };
+    let [low, high] = bounds(&own.outline);
+    match map {
+        // The facet lies on the texture.
+        Some((map, place)) if std::ptr::eq(place, own) => {
+            let size = [0, 1].map(|k| (high[k] - low[k]).ceil());
+            let finer = finer(size[0].max(size[1]).min(1e6) as u32, tolerance);
+            if size[0] * size[1] * (finer * finer) as f64 > MOST_CORNERS as f64 {
+                return None;
+            }
+            let lines = [0, 1]
+                .map(|k| Lines::new(low[k].floor() - 1.0..high[k].ceil() + 1.0, map.texture.nearest, finer));
+            Some(rings(lines, level, tolerance, &|place, read| of_corners(place) * map.at(read)))
+        }
+        // All of it shows one place of the texture, or a line of it; or there is none.
+        map => {
+            let alpha = map.map_or(1.0, |(map, place)| map.at(place.origin.to_array()));
+            let lines = [0, 1].map(|k| Lines { places: vec![low[k], high[k]], read: vec![0.0; 2] });
+            Some(rings(lines, level, 0.0, &|place, _| of_corners(place) * alpha))
+        }
+    }
 }
 
 /// Area of a facet in square metres.
@@ -403,27 +551,52 @@ fn contains(rings: &[Ring], p: DVec2) -> bool {
 /// A primitive that grows by parts of another one.
 struct Pieces<'a> {
     of: &'a Primitive,
-    cut: Primitive,
+    cut: Cut,
 }
 
 impl<'a> Pieces<'a> {
     /// With all vertices of `of`, and no triangle.
     fn new(of: &'a Primitive) -> Self {
-        Self { of, cut: Primitive { indices: Vec::new(), ..of.clone() } }
+        let primitive = Primitive { indices: Vec::new(), ..of.clone() };
+        Self { of, cut: Cut { primitive, blends: Vec::new() } }
+    }
+
+    fn triangles(&self) -> usize {
+        self.cut.primitive.indices.len() / 3
+    }
+
+    /// Adds what of a facet lies within `rings`, but for specks.
+    fn add_within(&mut self, facet: &Facet, own: &Placed, rings: &[Ring]) {
+        let shapes = rings.overlay(&own.outline, OverlayRule::Intersect, FillRule::NonZero);
+        let left: f64 = shapes.iter().flatten().map(|ring| area(ring)).sum::<f64>().abs();
+        let whole = area(&own.outline).abs();
+        let least = LEAST_AREA.min(LEAST_PART * whole);
+        if (left - whole).abs() < least {
+            self.keep(facet);
+            return;
+        }
+        let large: Vec<Vec<Ring>> = shapes
+            .into_iter()
+            .map(|shape| shape.into_iter().filter(|r| area(r).abs() > least).collect::<Vec<_>>())
+            .filter(|shape: &Vec<Ring>| !shape.is_empty())
+            .collect();
+        let mesh = large.triangulate().to_triangulation::<u32>();
+        self.add(facet, own, &mesh.points, &mesh.indices);
     }
 
     /// Adds all of a facet.
     fn keep(&mut self, facet: &Facet) {
         let [a, b, c, d] = facet.corners;
-        self.cut.indices.extend([a, b, c]);
+        let indices = &mut self.cut.primitive.indices;
+        indices.extend([a, b, c]);
         if d != c {
-            self.cut.indices.extend([a, c, d]);
+            indices.extend([a, c, d]);
         }
     }
 
     /// Adds triangles between `points` of the texture.
     fn add(&mut self, facet: &Facet, placed: &Placed, points: &[[f64; 2]], indices: &[u32]) {
-        let first = self.cut.positions.len() as u32;
+        let first = self.cut.primitive.positions.len() as u32;
         let to_facet = placed.along.inverse();
         for point in points {
             let at = to_facet * (DVec2::from_array(*point) - placed.origin);
@@ -434,7 +607,7 @@ impl<'a> Pieces<'a> {
             let corners = [a, b, c].map(|k| points[k as usize]);
             let same = (area(&corners) > 0.0) == winding;
             let (b, c) = if same { (b, c) } else { (c, b) };
-            self.cut.indices.extend([a, b, c].map(|k| first + k));
+            self.cut.primitive.indices.extend([a, b, c].map(|k| first + k));
         }
     }
 
@@ -442,7 +615,8 @@ impl<'a> Pieces<'a> {
     fn corner(&mut self, [a, b, _, d]: [u32; 4], at: DVec2) {
         let own = [a, b, d].map(|c| c as usize);
         let weights = [1.0 - at.x - at.y, at.x, at.y];
-        let (of, cut) = (self.of, &mut self.cut);
+        let (of, cut) = (self.of, &mut self.cut.primitive);
+        self.cut.blends.push(([a, b, d], weights));
         blend(&of.positions, &mut cut.positions, own, weights);
         blend(&of.normals, &mut cut.normals, own, weights);
         let tangents = of.tangents.iter().zip(&mut cut.tangents);

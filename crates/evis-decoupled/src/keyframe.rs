@@ -17,8 +17,8 @@ use crate::tiles::change;
 
 /// Cells per texel of the level that is read, at least.
 const PER_TEXEL: f64 = 3.0;
-/// Cells along a pixel's side, at most.
-const DENSITY: f64 = 8.0;
+/// Cells along a pixel's side, at most: base colour is not read from them, but for how the light goes with it.
+const DENSITY: f64 = 4.0;
 /// Cells along a pixel's side where light changes slowly: it bends with the normals between vertices.
 const LEAST_LIGHT_DENSITY: f64 = 3.0;
 /// Cells of a picture, at most.
@@ -27,8 +27,8 @@ const MOST_CELLS: usize = 1 << 16;
 const MOST_SLICES: f64 = 6.0;
 /// Correlation of x and y in a footprint below which one rectangle will do.
 const SLANT: f64 = 0.05;
-/// Values of four channels that a picture holds per cell, at most.
-pub const MOST_PLANES: usize = 4;
+/// Values of four channels that a picture holds per cell, at most: of ten channels, at both ends of a block.
+pub const MOST_PLANES: usize = 6;
 /// Least part of its greatest 1/depth that a facet has anywhere in its picture.
 const LEAST_DEPTH_RATIO: f64 = 0.3;
 
@@ -50,6 +50,37 @@ pub struct Keyframe {
     blur: [f64; 3],
     /// What each cell was lessened by, per plane.
     means: [[f32; 4]; MOST_PLANES],
+}
+
+/// Lines of which a polygon with corners at (s, t), in order, is to the right, as image points have them: a x + b y + c is the
+/// distance in pixels from each, less `margin_px` beyond the polygon.
+pub fn outline(image_from_facet: &DMat3, corners: &[[f64; 2]], margin_px: f64) -> Vec<DVec3> {
+    let transposed = image_from_facet.inverse().transpose();
+    let next = corners.iter().cycle().skip(1);
+    let lines = corners.iter().zip(next).filter_map(|(p, q)| {
+        let [from, to] = [p, q].map(|p| DVec3::new(p[0], p[1], 1.0));
+        let line = transposed * from.cross(to);
+        let steepness = line.truncate().length();
+        (steepness > 0.0).then(|| line / steepness + DVec3::Z * margin_px)
+    });
+    lines.collect()
+}
+
+/// From where to where the line at `y` lies within all `lines`.
+fn within(lines: &[DVec3], y: f64) -> [f64; 2] {
+    lines.iter().fold([f64::NEG_INFINITY, f64::INFINITY], |[from, to], line| {
+        let rest = line.y * y + line.z;
+        let x = -rest / line.x;
+        if line.x > 1e-12 {
+            [from.max(x), to]
+        } else if line.x < -1e-12 {
+            [from, to.min(x)]
+        } else if rest < 0.0 {
+            [f64::INFINITY, f64::NEG_INFINITY]
+        } else {
+            [from, to]
+        }
+    })
 }
 
 /// Cells about a rectangle of the screen.
@@ -107,11 +138,11 @@ impl Footprint {
 
 impl Keyframe {
     /// Renders `planes` values that `shade` finds at places (s, t) of a facet about `rect`, with `texels` per (s, t) along
-    /// either axis of its finest map, and appends their sums to `sums`. `shade` is told which area of (s, t) a cell is.
-    /// `None` where there would be too many cells, or too much perspective.
+    /// either axis of its finest map, and appends their sums to `sums`. `shade` is told which area of (s, t) a cell is. Only
+    /// what lies within the `lines` of [`outline`] is asked for. `None` where there would be too many cells, or too much perspective.
     pub fn of_light(
         image_from_facet: DMat3,
-        texels: Option<DMat2>,
+        (texels, lines): (Option<DMat2>, &[DVec3]),
         rect: [f64; 4],
         planes: usize,
         sums: &mut Vec<[f32; 4]>,
@@ -143,12 +174,19 @@ impl Keyframe {
         let means = value;
         for row in 0..rows {
             let mut sum = [[0.0_f32; 4]; MOST_PLANES];
+            let y = first.y + row as f64 * step;
+            let [from, to] = within(lines, y).map(|x| (x - first.x) / step);
             for column in 0..columns {
-                at(first.x + column as f64 * step, first.y + row as f64 * step, &mut value);
+                let inside = (from..=to).contains(&(column as f64));
+                if inside {
+                    at(first.x + column as f64 * step, y, &mut value);
+                }
                 for k in 0..planes {
                     let above = start + k * plane + row * stride + column + 1;
                     for c in 0..4 {
-                        sum[k][c] += value[k][c] - means[k][c];
+                        if inside {
+                            sum[k][c] += value[k][c] - means[k][c];
+                        }
                         sums[above + stride][c] = sums[above][c] + sum[k][c];
                     }
                 }
@@ -275,7 +313,7 @@ mod tests {
     ) -> Option<Keyframe> {
         let places = textures.places(0, 1.0).expect("a texture");
         let shade = |place: [f64; 2], _: f64, out: &mut [[f32; 4]; MOST_PLANES]| out[0] = places.at(place);
-        Keyframe::of_light(texels.inverse(), Some(DMat2::IDENTITY), rect, 1, sums, shade)
+        Keyframe::of_light(texels.inverse(), (Some(DMat2::IDENTITY), &[]), rect, 1, sums, shade)
     }
 
     #[test]

@@ -19,7 +19,6 @@ mod hash;
 pub mod holes;
 pub mod keyframe;
 mod knots;
-pub mod lens;
 pub mod light;
 mod limits;
 pub mod lists;
@@ -57,4 +56,13 @@ pub enum Error {
     /// The thread of a stream.
     #[error("the stream's thread: {0}")]
     Thread(String),
+}
+
+impl From<evis_scene::SceneError> for Error {
+    fn from(error: evis_scene::SceneError) -> Self {
+        match error {
+            evis_scene::SceneError::Rule(text) => Self::Camera(text),
+            other => Self::Camera(other.to_string()),
+        }
+    }
 }

@@ -20,11 +20,11 @@ use crate::coverage::{Moments, Polygon, Polygons};
 use crate::facets::{Facet, wide};
 use crate::fragment::{Line, Sight};
 use crate::hash::Words;
-use crate::keyframe::{Footprint, Keyframe, MOST_PLANES};
+use crate::keyframe::{self, Footprint, Keyframe, MOST_PLANES};
 use crate::lists::{Entry, Record};
 use crate::maps::{Map as TextureMap, MapReader, Maps};
 use crate::material::{self, Around, Lamp, Point, Response, respond};
-use crate::pages::{Pages, Picture};
+use crate::pages::{BEYOND_PX, Pages, Picture};
 use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::texture::{Cells, Textures};
 use crate::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
@@ -234,8 +234,8 @@ struct Shade {
     touched: u64,
 }
 
-/// Most lamps whose light is kept apart; further ones throw no shadows.
-pub const MOST_OWN: usize = 4;
+/// Most lamps whose light is kept apart, as there are bits in a byte; further ones throw no shadows.
+pub const MOST_OWN: usize = 8;
 
 /// What may throw shadows.
 #[derive(Clone, Copy)]
@@ -834,7 +834,7 @@ impl<'a> Lighting<'a> {
         let mapped = answer.maps.is_some();
         if mapped {
             // A normal map may face any lamp.
-            slot.lit = (1 << self.own.len()) - 1;
+            slot.lit = ((1_u16 << self.own.len()) - 1) as u8;
         }
         for end in 0..if mapped { 0 } else { self.ends(surface) } {
             slot.at[end] = tile.patches.len();
@@ -1019,12 +1019,18 @@ impl<'a> Lighting<'a> {
             respond(&point, &self.lamps[end], &self.own, &self.shared.around, &mut responses);
             let mut set =
                 |channel: usize, value: f64| out[end * planes + channel / 4][channel % 4] = value as f32;
+            let mut diffuse = 0.0;
             for (channel, response) in responses[..=lamps].iter().enumerate() {
-                set(channel, response.linear.dot(base) + response.constant);
+                let proportional = response.linear.dot(base);
+                diffuse += proportional;
+                set(channel, proportional + response.constant);
             }
-            if channels > lamps + 1 {
+            if channels > lamps + 3 {
                 set(lamps + 1, glow);
-            } else {
+            }
+            set(channels - 2, material::LUMINANCE.dot(base));
+            set(channels - 1, diffuse);
+            if channels == lamps + 3 {
                 out[end * planes][0] += glow as f32;
             }
         }
@@ -1049,10 +1055,10 @@ impl<'a> Lighting<'a> {
         [tangent, normal.cross(tangent) * (a.1 + (b.1 - a.1) * s + (d.1 - a.1) * t)]
     }
 
-    /// Values that light of a surface with maps has: of what no shadow falls on, of each of [`Lighting::own`], and of its own
-    /// glow where that changes.
+    /// Values that light of a surface with maps has: of what no shadow falls on, of each of [`Lighting::own`], of its own glow
+    /// where that changes, the luminance of its base colour, and what of all light is proportional to that.
     fn channels(&self, surface: usize) -> usize {
-        1 + self.own.len() + usize::from(self.answers[surface].waveform.is_some())
+        3 + self.own.len() + usize::from(self.answers[surface].waveform.is_some())
     }
 
     /// Half planes of the shadows that fall on entry `slot` from lamp `number` at `moment` of the tile: a range.
@@ -1117,16 +1123,30 @@ impl<'a> Lighting<'a> {
         let maps = mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners);
         let surface = f.surface as usize;
         let planes = self.channels(surface).div_ceil(4) * self.ends(surface);
+        // Footprints reach a little beyond the facet.
+        let outline = f.outline(self.world.primitive(f.surface));
+        let lines = keyframe::outline(&picture.image_from_facet, &outline, BEYOND_PX);
         let mut reader = None;
         let shade = |place: [f64; 2], area: f64, out: &mut [[f32; 4]; MOST_PLANES]| {
             let reader = reader.get_or_insert_with(|| maps.reader(&self.shared.textures, area));
             self.shade_maps(facet, (mapped, reader), place, picture.front, out);
         };
-        Keyframe::of_light(picture.image_from_facet, maps.finest(), rect, planes, sums, shade)
+        Keyframe::of_light(picture.image_from_facet, (maps.finest(), &lines), rect, planes, sums, shade)
     }
 
-    /// Luminance per area of entry `part.slot` with maps over `part.moments`.
-    fn of_maps(&self, tile: &mut TileLight, mapped: &Mapped, part: &Part, at: &Instant) -> f64 {
+    /// Luminance per area of entry `part.slot` with maps over `part.moments`; `base` is the mean of its base colour there, where a
+    /// texture says so.
+    ///
+    /// Cells are too few for the detail of a texture. So what they have of its luminance is replaced by its exact mean, in the
+    /// part of the light that is proportional to it (a control variate).
+    fn of_maps(
+        &self,
+        tile: &mut TileLight,
+        mapped: &Mapped,
+        part: &Part,
+        at: &Instant,
+        base: Option<DVec3>,
+    ) -> f64 {
         let facet = part.sight.facet;
         let surface = self.world.facets[facet as usize].surface as usize;
         let (ends, channels) = (self.ends(surface), self.channels(surface));
@@ -1140,6 +1160,8 @@ impl<'a> Lighting<'a> {
             match ends * groups {
                 1 => planes[..1].copy_from_slice(&page.means::<1>(sums, &footprint)?),
                 2 => planes[..2].copy_from_slice(&page.means::<2>(sums, &footprint)?),
+                3 => planes[..3].copy_from_slice(&page.means::<3>(sums, &footprint)?),
+                4 => planes[..4].copy_from_slice(&page.means::<4>(sums, &footprint)?),
                 _ => planes = page.means::<MOST_PLANES>(sums, &footprint)?,
             }
             Some(planes)
@@ -1150,11 +1172,21 @@ impl<'a> Lighting<'a> {
             if ends == 1 { of(0) } else { of(0) + (of(1) - of(0)) * at.u }
         };
         let mut sum = value(0);
+        let mut whole = sum;
         for number in 0..self.own.len() {
             let light = value(1 + number);
+            whole += light;
             if light > 0.0 {
                 sum += self.arriving(tile, part, at, number) * light;
             }
+        }
+        let [luma, diffuse] = [channels - 2, channels - 1].map(value);
+        if let Some(base) = base
+            && luma > 0.0
+            && whole > 0.0
+        {
+            let off = (material::LUMINANCE.dot(base) / luma - 1.0).clamp(-0.5, 1.0);
+            sum *= 1.0 + off * (diffuse / whole).clamp(0.0, 1.0);
         }
         if let Some(waveform) = self.answers[surface].waveform {
             sum += waveform.factor(at.t_s) * value(1 + self.own.len());
@@ -1237,13 +1269,12 @@ impl<'a> Lighting<'a> {
         }
     }
 
-    /// Finds means of a facet's texture over `pixels`, which share their edges, unless it has maps or none.
+    /// Finds means of a facet's texture over `pixels`, which share their edges, unless it has none.
     fn find_cells(&self, tile: &mut TileLight, sight: &Sight, pixels: u64) {
         tile.texels.pixels = 0;
         let facet = sight.facet as usize;
         let look = &self.looks[facet];
-        let mapped = self.answers[self.world.facets[facet].surface as usize].maps.is_some();
-        let Some(texture) = look.texture.filter(|_| !mapped) else { return };
+        let Some(texture) = look.texture else { return };
         let columns_of = bits(pixels).fold(0_u64, |m, pixel| m | 1 << (pixel % TILE));
         let [left, right] = [columns_of.trailing_zeros(), 64 - columns_of.leading_zeros()];
         let [top, bottom] = [pixels.trailing_zeros(), 63 - pixels.leading_zeros()].map(|v| v / TILE as u32);
@@ -1297,9 +1328,6 @@ impl<'a> Lighting<'a> {
         let place = part.sight.place(part.frame.point(moments.first.map(|v| v * inverse)));
         let facet = part.sight.facet as usize;
         let answer = &self.answers[self.world.facets[facet].surface as usize];
-        if let Some(mapped) = &answer.maps {
-            return moments.area * self.of_maps(tile, mapped, part, at);
-        }
         let look = &self.looks[facet];
         let mut base = look.base;
         if look.shaded {
@@ -1308,6 +1336,9 @@ impl<'a> Lighting<'a> {
         if let Some(texture) = look.texture {
             let texel = texel.unwrap_or_else(|| self.texel(part, texture));
             base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
+        }
+        if let Some(mapped) = &answer.maps {
+            return moments.area * self.of_maps(tile, mapped, part, at, look.texture.map(|_| base));
         }
         let glow = answer.waveform.map_or(1.0, |w| w.factor(at.t_s));
         if tile.slots[slot].unlit {

@@ -19,7 +19,7 @@ const SIDE: f64 = TILE as f64;
 const ALONE: f64 = 1.5;
 /// How far a footprint reaches beyond its centroid, and beyond the facet that it lies on, in pixels: half of the diagonal of a
 /// pixel that is turned.
-const BEYOND_PX: f64 = 0.75;
+pub const BEYOND_PX: f64 = 0.75;
 /// Sums that a thread keeps before it forgets all pages, 16 bytes each.
 const MOST_SUMS: usize = 3 << 20;
 

@@ -7,7 +7,8 @@
 //! whichever are fewer. Where many lie across, a smaller level of the mip chain is read: that adds its own blur, of variance
 //! (m^2 - 1) / 4 for texels of m base texels (box (m^2 - 1) / 12, and tent m^2 / 6 in place of 1 / 6), so the parallelogram
 //! is drawn together until the variance of both is that of the footprint. Pixels of a grid share their edges: two are
-//! followed for each, and a level's blur is left. Nearest texels are read at a grid of places.
+//! followed for each, and a level's blur is left. Of a texture without interpolation the signal is a step at each texel's
+//! border: sums are linear along a line, and a line counts for its own height.
 
 use std::sync::OnceLock;
 
@@ -60,6 +61,8 @@ struct Sums {
     border: i32,
     lines: i32,
     wrap: Wrap,
+    /// Texels are not interpolated.
+    steps: bool,
     mean: Vec4,
     /// Per line: of the first k texels, for k up to `period` + 2.
     sums: Vec<Vec4>,
@@ -88,7 +91,8 @@ impl Sums {
                 sum += DVec4::from_array(std::array::from_fn(|c| f64::from(texel[c]) - f64::from(mean[c])));
             }
         }
-        Self { period: period as usize, border, lines, wrap, mean: Vec4::from_array(mean), sums }
+        let (steps, mean) = (texture.nearest, Vec4::from_array(mean));
+        Self { period: period as usize, border, lines, wrap, steps, mean, sums }
     }
 
     /// Number of the sum before texel `column`, of which lines reach `extent` texels further; `None` where they do not.
@@ -122,8 +126,9 @@ impl Sums {
         let scale = 1.0 / area.abs();
         let along = |from: [f32; 2], by: [f32; 2]| [from[0] + by[0], from[1] + by[1]];
         // Its two ways down from the upper corner to the lower one, along p first, and along q first.
-        let one = within.edge(top, p, scale) + within.edge(along(top, p), q, scale);
-        let other = within.edge(top, q, scale) + within.edge(along(top, q), p, scale);
+        let edge = |from: [f32; 2], by: [f32; 2]| within.any_edge(from, by, scale);
+        let one = edge(top, p) + edge(along(top, p), q);
+        let other = edge(top, q) + edge(along(top, q), p);
         Some(self.mean + (one - other) * (1.0 / area))
     }
 }
@@ -140,7 +145,12 @@ impl Within<'_> {
     /// Integral over the height of an edge from `from` by `by`, which does not lead up, of what lies to the left of it;
     /// `scale` is 1 / area of the footprint.
     #[inline(always)]
-    fn edge(&self, from: [f32; 2], by: [f32; 2], scale: f32) -> Vec4 {
+    fn any_edge(&self, from: [f32; 2], by: [f32; 2], scale: f32) -> Vec4 {
+        if self.sums.steps { self.edge::<true>(from, by, scale) } else { self.edge::<false>(from, by, scale) }
+    }
+
+    #[inline(always)]
+    fn edge<const STEPS: bool>(&self, from: [f32; 2], by: [f32; 2], scale: f32) -> Vec4 {
         let mut sum = Vec4::ZERO;
         if by[1] < FLAT {
             return sum;
@@ -158,7 +168,7 @@ impl Within<'_> {
             let height = next - y;
             let x = from[0] + slope * (y - from[1]);
             let v = y - row as f32;
-            let at = |part: f32| self.at([above, below], x + slope * part, v + part);
+            let at = |part: f32| self.at::<STEPS>([above, below], x + slope * part, v + part);
             if lean * height * height * height * scale < ONE_PLACE {
                 sum += at(0.5 * height) * height;
             } else {
@@ -175,14 +185,14 @@ impl Within<'_> {
         sum
     }
 
-    /// Integral of the interpolant from the beginning of its line to a place, `v` of the way from one line to the next: a
-    /// quadratic B-spline of sums.
+    /// Integral of the signal from the beginning of its line to a place, `v` of the way from one line to the next: a
+    /// quadratic B-spline of sums, or a linear one of steps.
     #[inline(always)]
-    fn at(&self, lines: [&[Vec4]; 2], x: f32, v: f32) -> Vec4 {
+    fn at<const STEPS: bool>(&self, lines: [&[Vec4]; 2], x: f32, v: f32) -> Vec4 {
         let k = x as u32;
         let w = x - k as f32;
         let u = 1.0 - w;
-        let weights = [0.5 * u * u, 0.5 + w * u, 0.5 * w * w];
+        let weights = if STEPS { [u, w, 0.0] } else { [0.5 * u * u, 0.5 + w * u, 0.5 * w * w] };
         let k = k as usize + self.column;
         let period = self.sums.period;
         let (k, turns) = if k < period { (k, 0.0) } else { (k % period, (k / period) as f32) };
@@ -191,8 +201,14 @@ impl Within<'_> {
             let sum = sums[0] * weights[0] + sums[1] * weights[1] + sums[2] * weights[2];
             if turns > 0.0 { sum + line[period] * turns } else { sum }
         };
-        upto(lines[0]) * (1.0 - v) + upto(lines[1]) * v
+        if STEPS { upto(lines[0]) } else { upto(lines[0]) * (1.0 - v) + upto(lines[1]) * v }
     }
+}
+
+/// Where a line's signal counts from, in texels from the border of the first one.
+#[inline(always)]
+fn first_texel(texture: &Texture) -> f64 {
+    if texture.nearest { 0.0 } else { -0.5 }
 }
 
 /// The largest integer that is not above `v`, where that fits.
@@ -255,22 +271,20 @@ impl Textures {
         let Some(texture) = self.textures.get(number) else { return [1.0; 4] };
         let Some(chain) = self.chains.get(texture.image).filter(|c| !c.is_empty()) else { return [1.0; 4] };
         let [p, q] = axes;
-        let level = if texture.nearest { 0 } else { level_of(axes, chain.len()) };
+        let level = level_of(axes, chain.len());
         let source = &chain[level];
         let scale = source.scale(&chain[0]);
         let texel = 1.0 / scale[0].min(scale[1]).max(1e-9);
-        // A level's own blur is taken from the footprint.
+        // A level's own blur is taken from the footprint: twelve times its variance, as that of a unit square is 1/12.
+        let own = if texture.nearest { 1.0 } else { 3.0 };
         let axes = [p, q].map(|axis| {
             let squared = axis[0] * axis[0] + axis[1] * axis[1];
-            let kept = ((squared - 3.0 * (texel * texel - 1.0)).max(0.0) / squared.max(1e-30)).sqrt();
+            let kept = ((squared - own * (texel * texel - 1.0)).max(0.0) / squared.max(1e-30)).sqrt();
             [axis[0] * kept * scale[0], axis[1] * kept * scale[1]]
         });
         let middle = [0, 1].map(|k| at[k] * scale[k] - 0.5);
         let extent = [0, 1].map(|k| axes[0][k].abs() + axes[1][k].abs());
-        if texture.nearest {
-            return source.places(middle, axes, texture);
-        }
-        if extent[0] < POINT && extent[1] < POINT {
+        if !texture.nearest && extent[0] < POINT && extent[1] < POINT {
             let mut sum = [0.0; 4];
             source.bilinear(middle[0], middle[1], texture, &mut sum);
             return sum;
@@ -287,7 +301,8 @@ impl Textures {
         if area.is_nan() || area < 1e-6 || p[1] + q[1] > MOST_LINES {
             return source.places(middle, axes, texture);
         }
-        match sums.mean_over([middle[x], middle[y]], p, q) {
+        let shift = first_texel(texture) + 0.5;
+        match sums.mean_over([middle[x] + shift, middle[y] + shift], p, q) {
             Some(mean) => mean.to_array(),
             None => source.places(middle, axes, texture),
         }
@@ -345,7 +360,7 @@ impl Textures {
         pixel: [[f64; 2]; 2],
         Cells { means, upper, lower, above }: &mut Cells,
     ) -> Option<()> {
-        let texture = self.textures.get(number).filter(|t| !t.nearest)?;
+        let texture = self.textures.get(number)?;
         let chain = self.chains.get(texture.image).filter(|c| !c.is_empty())?;
         let level = level_of(pixel, chain.len());
         let source = &chain[level];
@@ -355,7 +370,7 @@ impl Textures {
         let across = extent[0] < extent[1];
         let axes = if across { [1, 0] } else { [0, 1] };
         let stride = columns + 1;
-        let on_level = |place: &DVec2| axes.map(|k| place[k] * scale[k] - 0.5);
+        let on_level = |place: &DVec2| axes.map(|k| place[k] * scale[k] + first_texel(texture));
         // Straight lines between corners keep all places within those of the grid.
         let outer = [0, columns, places.len() - stride, places.len() - 1].map(|k| on_level(&places[k]));
         let bound = |k: usize, least: fn(f64, f64) -> f64| outer.iter().map(|c| c[k]).reduce(least);
@@ -376,9 +391,9 @@ impl Textures {
         let edge = |a: [f32; 2], b: [f32; 2]| {
             let by = [b[0] - a[0], b[1] - a[1]];
             if by[1] >= 0.0 {
-                within.edge(a, by, scale_of_edges)
+                within.any_edge(a, by, scale_of_edges)
             } else {
-                -within.edge(b, [-by[0], -by[1]], scale_of_edges)
+                -within.any_edge(b, [-by[0], -by[1]], scale_of_edges)
             }
         };
         let mut corners = places.chunks_exact(stride);
@@ -554,9 +569,17 @@ mod tests {
 
     #[test]
     fn means_over_footprints_are_those_of_many_places() {
-        let scene = noise(64);
+        for nearest in [false, true] {
+            means_over_footprints(nearest);
+        }
+    }
+
+    fn means_over_footprints(nearest: bool) {
+        let mut scene = noise(64);
+        scene.textures[0].nearest = nearest;
         let textures = Textures::new(&scene);
         let base = &textures.chains[0][0];
+        let read = if nearest { Level::nearest } else { Level::bilinear };
         let mut squares = [0.0; 6];
         let mut canary: f64 = 0.0;
         // The last two are seen at grazing angles.
@@ -575,7 +598,7 @@ mod tests {
                         ((f64::from(k % 64) + 0.5) / 64.0 - 0.5, (f64::from(k / 64) + 0.5) / 64.0 - 0.5);
                     let x = at[0] + s * p[0] + t * q[0] - 0.5;
                     let y = at[1] + s * p[1] + t * q[1] - 0.5;
-                    base.bilinear(x, y, &textures.textures[0], &mut exact);
+                    read(base, x, y, &textures.textures[0], &mut exact);
                 }
                 let exact = f64::from(exact[0]) / 4096.0;
                 let error = f64::from(textures.mean(0, at, [p, q])[0]) / exact - 1.0;
@@ -584,7 +607,9 @@ mod tests {
             }
         }
         let rms = squares.map(f64::sqrt);
-        println!("relative errors at 0.3, 1, 2.5 and 8 texels per pixel, 2.5 by 15 and 1 by 20: {rms:.4?}");
+        println!(
+            "nearest {nearest}, relative errors at 0.3, 1, 2.5 and 8 texels per pixel, 2.5 by 15 and 1 by 20: {rms:.4?}"
+        );
         assert!(rms.iter().all(|e| *e < 0.012), "{rms:?}");
         assert!(canary > 0.2, "a point is no mean: {canary}");
     }
@@ -592,8 +617,12 @@ mod tests {
     #[test]
     fn cells_of_a_grid_share_edges_and_have_the_means_of_many_places() {
         let mut scene = noise(64);
-        for wrap_u in [Wrap::Repeat, Wrap::Clamp] {
+        for (wrap_u, nearest) in
+            [(Wrap::Repeat, false), (Wrap::Clamp, false), (Wrap::Repeat, true), (Wrap::Clamp, true)]
+        {
             scene.textures[0].wrap_u = wrap_u;
+            scene.textures[0].nearest = nearest;
+            let read = if nearest { Level::nearest } else { Level::bilinear };
             let textures = Textures::new(&scene);
             let base = &textures.chains[0][0];
             let (mut squares, mut canary, mut count) = (0.0, 0.0, 0);
@@ -617,7 +646,7 @@ mod tests {
                     for k in 0..32 * 32 {
                         let [u, v] = [k % 32, k / 32].map(|v| (f64::from(v) + 0.5) / 32.0);
                         let place = at(x + u, y + v) - 0.5;
-                        base.bilinear(place.x, place.y, &textures.textures[0], &mut exact);
+                        read(base, place.x, place.y, &textures.textures[0], &mut exact);
                     }
                     let exact = f64::from(exact[0]) / 1024.0;
                     squares += (f64::from(mean.x) / exact - 1.0).powi(2);
@@ -628,7 +657,7 @@ mod tests {
             }
             let [rms, canary] = [squares, canary].map(|v| (v / f64::from(count)).sqrt());
             println!(
-                "{wrap_u:?}: relative error {rms:.4} over {count} cells, {canary:.4} of their neighbours"
+                "{wrap_u:?}, nearest {nearest}: relative error {rms:.4} over {count} cells, {canary:.4} of their neighbours"
             );
             assert!(rms < 0.005, "{wrap_u:?}: {rms}");
             assert!(canary > 0.1, "{wrap_u:?}: {canary}");

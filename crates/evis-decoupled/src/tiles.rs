@@ -7,12 +7,11 @@
 
 use std::sync::Arc;
 
-use evis_scene::{CalibratedLens, LensModel, Scene, Variant};
+use evis_scene::{CalibratedLens, LensModel, PixelLens, Scene, Variant};
 use glam::{DMat2, DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::lens::PixelLens;
 
 /// Pixels along a tile's side.
 pub const TILE: usize = 8;

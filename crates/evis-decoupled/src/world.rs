@@ -5,14 +5,13 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use evis_scene::motion::Path;
-use evis_scene::{Motion, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
+use evis_scene::{Motion, PixelLens, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
-use crate::facets::{Facet, facets, wide};
+use crate::facets::{Facet, bounding_box, facets, wide};
 use crate::hash::Words;
 use crate::holes::Holes;
-use crate::lens::PixelLens;
 use crate::tiles::{LensTiles, TileView};
 
 /// Facets that are culled together.
@@ -117,7 +116,7 @@ impl<'a> World<'a> {
         holes: &Arc<Holes>,
         others: &[Self],
     ) -> Result<Self, Error> {
-        let lens = PixelLens::new(scene, variant, camera, size, f64::INFINITY)?;
+        let lens = scene.pixel_lens(variant, camera, size, f64::INFINITY)?;
         let moving_nodes = moving_nodes(scene);
         let tiles = match others.iter().find(|other| other.camera == camera && other.lens == lens) {
             Some(other) => other.tiles.clone(),
@@ -157,8 +156,9 @@ impl<'a> World<'a> {
         let facets = facets(primitive, surface, !deforms);
         for group in facets.chunks(CLUSTER) {
             let start = self.facets.len();
-            let bounds =
-                bounds(group.iter().flat_map(|f| f.corners).map(|c| wide(primitive.positions[c as usize])));
+            let bounds = bounding_box(
+                group.iter().flat_map(|f| f.corners).map(|c| wide(primitive.positions[c as usize])),
+            );
             self.facets.extend_from_slice(group);
             self.clusters.push(Cluster { facets: start..self.facets.len(), bounds });
         }
@@ -172,7 +172,7 @@ impl<'a> World<'a> {
             double_sided: material.double_sided,
             closed: is_closed(primitive),
             clusters: first_cluster..self.clusters.len(),
-            bounds: bounds(primitive.positions.iter().map(|p| wide(*p))),
+            bounds: bounding_box(primitive.positions.iter().map(|p| wide(*p))),
         });
     }
 
@@ -205,7 +205,7 @@ impl<'a> World<'a> {
             let name = &self.scene.cameras[self.camera].name;
             return Err(Error::Camera(format!("camera '{name}' has no pose at {t_us} us")));
         };
-        let lens = PixelLens::new(self.scene, self.variant, self.camera, self.size, t_us)?;
+        let lens = self.scene.pixel_lens(self.variant, self.camera, self.size, t_us)?;
         let [fx, fy] = lens.focal;
         let [cx, cy] = lens.center;
         let screen_from_camera = DMat4::from_cols_array(&[
@@ -241,7 +241,9 @@ impl<'a> World<'a> {
         let s = &self.surfaces[surface as usize];
         let weights = frame.state.morph_weights.get(s.node).map_or(&[][..], Vec::as_slice);
         let world_from_vertex = self.world_from_vertices(surface, frame);
-        (0..primitive.positions.len())
+        let blends = self.blends(surface);
+        let own = primitive.positions.len() - blends.len();
+        let mut vertices: Vec<(DVec3, DVec3)> = (0..own)
             .map(|v| {
                 let mut position = wide(primitive.positions[v]);
                 let mut normal = primitive.normals.get(v).map_or(DVec3::Z, |n| wide(*n));
@@ -254,7 +256,22 @@ impl<'a> World<'a> {
                 let matrix = world_from_vertex(v);
                 (matrix.transform_point3(position), normal_under(&matrix, normal))
             })
-            .collect()
+            .collect();
+        for (corners, weights) in blends {
+            let of = || corners.iter().map(|c| vertices[*c as usize]).zip(weights);
+            let position = of().map(|((position, _), weight)| position * *weight).sum();
+            let normal: DVec3 = of().map(|((_, normal), weight)| normal * *weight).sum();
+            vertices.push((position, normal.normalize_or(DVec3::Z)));
+        }
+        vertices
+    }
+
+    /// How the last vertices of a surface with a skeleton follow others of it, where its holes are cut out; those of other
+    /// surfaces are carried as all are.
+    fn blends(&self, surface: u32) -> &[([u32; 3], [f64; 3])] {
+        let s = &self.surfaces[surface as usize];
+        let skinned = self.scene.nodes[s.node].skin.is_some() && self.primitive(surface).joints.is_some();
+        if skinned { self.holes.blends(s.mesh, s.primitive) } else { &[] }
     }
 
     /// World tangents of all vertices of surface `surface`, of any length, and the bitangent's sign; empty where it has none.
@@ -267,7 +284,15 @@ impl<'a> World<'a> {
             let sign = if matrix.determinant() < 0.0 { -f64::from(w) } else { f64::from(w) };
             (matrix.transform_vector3(wide([x, y, z])), sign)
         };
-        tangents.iter().enumerate().map(carried).collect()
+        let blends = self.blends(surface);
+        let own = tangents.len().saturating_sub(blends.len());
+        let mut tangents: Vec<_> = tangents[..own].iter().enumerate().map(carried).collect();
+        for (corners, weights) in blends {
+            let of = |corner: u32| tangents.get(corner as usize).copied().unwrap_or((DVec3::ZERO, 1.0));
+            let tangent = corners.iter().zip(weights).map(|(c, weight)| of(*c).0 * *weight).sum();
+            tangents.push((tangent, of(corners[0]).1));
+        }
+        tangents
     }
 
     /// The matrix that carries a vertex of surface `surface` to the world.
@@ -307,10 +332,6 @@ pub fn normal_under(matrix: &DMat4, normal: DVec3) -> DVec3 {
     let carried = y.cross(z) * normal.x + z.cross(x) * normal.y + x.cross(y) * normal.z;
     let sign = if x.dot(y.cross(z)) < 0.0 { -1.0 } else { 1.0 };
     (carried * sign).normalize_or(DVec3::Z)
-}
-
-fn bounds(points: impl Iterator<Item = DVec3>) -> [DVec3; 2] {
-    points.fold([DVec3::INFINITY, DVec3::NEG_INFINITY], |[low, high], p| [low.min(p), high.max(p)])
 }
 
 /// Whether each directed edge, by the positions of its ends, has one against it.

@@ -7,11 +7,11 @@ use evis_decoupled::{Settings, luminance};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    AlphaMode, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, Scene, Texture, TextureRef, Trs,
+    AlphaMode, Image, Lens, LightKind, Material, Mesh, Motion, Node, Scene, Skin, Texture, TextureRef, Trs,
     Wrap,
 };
 use evis_truth::{PixelChoice, TruthSettings, truth};
-use glam::{DQuat, DVec3};
+use glam::{DMat4, DQuat, DVec3};
 use half::f16;
 
 mod common;
@@ -89,6 +89,91 @@ fn light_through_holes_is_that_of_rays() {
             assert!(canary > 20.0 * error, "canary: {canary:.4}");
         }
     }
+}
+
+/// What ln of its light is off by at some times, with its holes and without them.
+fn off_rays(scene: &Scene) -> [f64; 2] {
+    let settings = Settings { size: Some(SIZE), ..Settings::default() };
+    let errors = [0.0, 60_000.0].map(|t_us| {
+        let wanted = exact(scene, SIZE, t_us);
+        [scene, &without_mask(scene)].map(|s| off(&luminance(s, &settings, t_us).unwrap(), &wanted))
+    });
+    [0, 1].map(|k| errors[0][k].max(errors[1][k]))
+}
+
+/// Alpha of vertices beside that of a texture, and alone, and on a facet that is one place of the texture.
+#[test]
+fn alpha_of_vertices_counts() {
+    for case in 0..3 {
+        let mut scene = scene(WRAPS[case], 0.6, 0.45);
+        let primitive = &mut scene.meshes[0].primitives[0];
+        let alphas = [[0.2, 1.0, 0.7, 1.0], [0.1, 0.9, 0.3, 0.8], [1.3, 0.3, 0.9, 0.2]][case];
+        primitive.colors = Some(alphas.map(|a| [0.9, 0.8, 1.0, a]).to_vec());
+        match case {
+            1 => scene.materials[0].base_color_texture = None,
+            2 => primitive.uvs[0].as_mut().unwrap().fill([0.53, 0.41]),
+            _ => {}
+        }
+        let [error, canary] = off_rays(&scene);
+        println!("case {case}: {error:.4} off, {canary:.4} without holes");
+        assert!(error < 0.01, "case {case}: {error:.4}");
+        assert!(canary > 10.0 * error, "canary: {canary:.4}");
+    }
+}
+
+#[test]
+fn texels_without_interpolation_have_borders() {
+    for (case, wraps) in WRAPS.into_iter().enumerate() {
+        let mut scene = scene(wraps, [0.5, -0.9, 1.3][case], [0.5, 0.35, 0.62][case]);
+        let smooth = scene.clone();
+        scene.textures.iter_mut().for_each(|texture| texture.nearest = true);
+        let [error, canary] = off_rays(&scene);
+        let settings = Settings { size: Some(SIZE), ..Settings::default() };
+        let wrong = off(&luminance(&smooth, &settings, 0.0).unwrap(), &exact(&scene, SIZE, 0.0));
+        println!("{wraps:?}: {error:.4} off, {canary:.4} without holes, {wrong:.4} with interpolation");
+        // Parts of a pixel are read over parallelograms, which matters more at steps.
+        assert!(error < 0.015, "{wraps:?}: {error:.4}");
+        assert!(canary.min(wrong) > 8.0 * error, "canaries: {canary:.4} {wrong:.4}");
+    }
+}
+
+/// A card that a skeleton bends, and its holes with it.
+fn bent() -> Scene {
+    let mut scene = scene(WRAPS[0], 0.6, 0.5);
+    let mut card = Shape::Card { size: [1.6, 1.3] }.build(Some([4, 3]), [1.0, 1.0]).unwrap();
+    let share = |x: f32| (x / 1.6 + 0.5).clamp(0.0, 1.0);
+    card.joints = Some(vec![[0, 1, 0, 0]; card.positions.len()]);
+    card.joint_weights =
+        Some(card.positions.iter().map(|p| [1.0 - share(p[0]), share(p[0]), 0.0, 0.0]).collect());
+    scene.meshes[0].primitives[0] = card;
+    let place = |x: f64| Trs { translation: DVec3::new(x, 0.0, -3.0), ..Trs::default() };
+    let spin = Path::Spin { start: place(0.1), axis: DVec3::new(0.2, 1.0, 0.3).normalize(), rate: -9.0 };
+    let slide = Path::ConstantVelocity { start: place(-0.2), velocity: DVec3::new(1.0, -1.5, 0.4) };
+    let joints = [slide, spin]
+        .map(|path| scene.add_node(Node { motion: Motion::Path(path.into()), ..Node::default() }));
+    scene.skins.push(Skin { joints: joints.to_vec(), inverse_bind: vec![DMat4::IDENTITY; 2] });
+    let node = scene.nodes.iter_mut().find(|node| node.mesh == Some(0)).unwrap();
+    // Its own pose does not count.
+    (node.skin, node.motion) = (Some(0), Motion::Fixed(DMat4::from_translation(DVec3::splat(9.0))));
+    scene
+}
+
+#[test]
+fn holes_follow_a_skeleton() {
+    let scene = bent();
+    let [error, canary] = off_rays(&scene);
+    let asked = TruthSettings {
+        size: Some((96, 72)),
+        duration_us: 40_000,
+        pixels: PixelChoice::Count(300),
+        ..TruthSettings::default()
+    };
+    let truth = truth(&scene, &asked, &|_| true).unwrap();
+    let (found, count) = f1(&scene, &asked, &truth);
+    println!("{error:.4} off, {canary:.4} without holes; F1 {found:.4} of {count} events");
+    assert!(error < 0.01, "{error:.4}");
+    assert!(canary > 10.0 * error, "canary: {canary:.4}");
+    assert!(found > 0.95 && count > 1000, "{found:.4} of {count}");
 }
 
 #[test]

@@ -121,6 +121,64 @@ fn light_of_mapped_surfaces_is_that_of_rays() {
     }
 }
 
+/// Eight lamps whose shadows count, with maps and without, beside a glow that changes.
+#[test]
+fn eight_lamps_throw_shadows() {
+    let sine = Waveform { shape: WaveShape::Sine, frequency_hz: 30.0, phase: 0.1, low: 0.2, high: 1.0 };
+    for mapped in [true, false] {
+        let mut scene = scene(ShadingModel::MetallicRoughness, Some(sine));
+        if !mapped {
+            let plain = Material { emissive: scene.materials[0].emissive, ..Material::diffuse("plain") };
+            scene.materials[0] = Material { emission_waveform: Some(sine), ..plain };
+        }
+        scene.lights.clear();
+        scene.nodes.iter_mut().for_each(|node| node.light = None);
+        for k in 0..8 {
+            let turn = 0.25 * std::f64::consts::PI * f64::from(k);
+            let (yaw, pitch) = (0.6 * turn.cos(), 0.5 * turn.sin());
+            let pose = DQuat::from_euler(glam::EulerRot::YXZ, yaw, pitch, 0.0);
+            let motion = Motion::Fixed(Trs { rotation: pose, ..Trs::default() }.matrix());
+            scene.lights.push(light(LightKind::Directional, true, 0.3 + 0.1 * k as f32));
+            scene.add_node(Node { light: Some(k as usize), motion, ..Node::default() });
+        }
+        assert_eq!(evis_decoupled::unsupported(&scene), None);
+        let settings = Settings { size: Some(SIZE), ..Settings::default() };
+        let wanted = exact(&scene, SIZE, 40_000.0);
+        let error = off(&luminance(&scene, &settings, 40_000.0).unwrap(), &wanted);
+        let mut without = scene.clone();
+        without.lights[4..].iter_mut().for_each(|light| light.casts_shadow = false);
+        let canary = off(&luminance(&without, &settings, 40_000.0).unwrap(), &wanted);
+        let asked = TruthSettings {
+            size: Some((64, 48)),
+            duration_us: 30_000,
+            pixels: PixelChoice::Count(150),
+            ..TruthSettings::default()
+        };
+        let truth = truth(&scene, &asked, &|_| true).unwrap();
+        let (found, count) = f1(&scene, &asked, &truth);
+        println!("mapped {mapped}: {error:.4} off, {canary:.4} with four; F1 {found:.4} of {count} events");
+        assert!(error < 0.02 && canary > 1.5 * error, "mapped {mapped}: {error:.4} {canary:.4}");
+        assert!(found > 0.9 && count > 150, "{found:.4} of {count}");
+    }
+}
+
+/// Light is found at few places of a pixel, but not what a fine texture is there.
+#[test]
+fn fine_base_colour_is_not_that_of_few_places() {
+    let mut scene = scene(ShadingModel::Diffuse, None);
+    let size = 8 * TEXELS;
+    let texel = |i: u32| {
+        let value = noise(0, i % size, i / size);
+        [0.05 + 0.9 * value, 0.1 + 0.8 * value, 0.3, 1.0].map(f16::from_f32)
+    };
+    let texels = (0..size * size).map(texel).collect();
+    scene.images[0] = Image { name: "fine".into(), width: size, height: size, texels };
+    let settings = Settings { size: Some(SIZE), ..Settings::default() };
+    let error = off(&luminance(&scene, &settings, 49_152.0).unwrap(), &exact(&scene, SIZE, 49_152.0));
+    println!("{error:.4} off");
+    assert!(error < 0.014, "{error:.4}");
+}
+
 /// While things move, light is read from pictures of it.
 #[test]
 fn mapped_surfaces_fire_as_rays_say() {

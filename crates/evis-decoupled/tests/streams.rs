@@ -166,9 +166,10 @@ fn what_cannot_be_used_is_refused() {
     let dull = SensorConfig { threshold_on: 0.0, ..SensorConfig::default() };
     assert!(refused(spinner(), View { sensor: dull, ..view(None, 0.2) }).contains("threshold_on"));
     assert!(refused(spinner(), View { camera: 9, ..view(None, 0.2) }).contains("camera 9"));
-    let mut blocky = spinner();
-    blocky.textures.iter_mut().for_each(|texture| texture.nearest = true);
-    assert!(refused(blocky, view(None, 0.2)).contains("native sampling"));
+    let mut crowded = spinner();
+    crowded.lights =
+        vec![evis_scene::Light { casts_shadow: true, ..evis_scene::Light::directional("sun", 1.0) }; 9];
+    assert!(refused(crowded, view(None, 0.2)).contains("native sampling"));
 }
 
 /// `spinner` with its disc left to a host, and where the disc is at times of the scene itself.

@@ -907,12 +907,7 @@ impl Card {
         let mut scene = Scene::default();
         let texels = (0..64).map(|i| [f16::from_f64(f64::from((i + i / 8) % 2)); 4]).collect();
         scene.images.push(Image { name: "checks".into(), width: 8, height: 8, texels });
-        scene.textures.push(evis_scene::Texture {
-            image: 0,
-            wrap_u: Wrap::Repeat,
-            wrap_v: Wrap::Repeat,
-            nearest: false,
-        });
+        scene.textures.push(evis_scene::Texture::new(0));
         scene.materials.push(Material {
             base_color_texture: Some(TextureRef::new(0)),
             double_sided: true,
@@ -964,17 +959,12 @@ impl Card {
         }
         let camera = scene.add_node(Node { motion: moving(EYE), ..Node::default() });
         let (w, h) = FLOW_SIZE;
+        let lens = evis_scene::Lens::Intrinsics { fx: FOCAL, fy: 250.0, cx: 37.0, cy: 31.5 };
         scene.cameras.push(evis_scene::Camera {
-            name: "camera".into(),
-            node: camera,
-            lens: evis_scene::Lens::Intrinsics { fx: FOCAL, fy: 250.0, cx: 37.0, cy: 31.5 },
             width: Some(w),
             height: Some(h),
-            aspect: None,
             near: 0.05,
-            threshold_on: None,
-            threshold_off: None,
-            sensor: None,
+            ..evis_scene::Camera::new("camera", camera, lens)
         });
         scene.validate().unwrap();
         Arc::new(scene)

@@ -17,10 +17,11 @@ use crate::framing::{framing_distance, rigid};
 use crate::model::{Framing, Lens, Node, Scene, Trs};
 use crate::motion::{AppliedMotion, Harmonic, Motion, Path, PathInterpolation};
 use crate::picture::MARGIN;
+use crate::pixel_lens::PixelLens;
 use crate::pose::SceneState;
 use crate::procedural::uniform;
 use crate::toml_scene::trajectory;
-use crate::visible::{Pinhole, image_speed};
+use crate::visible::image_speed;
 
 /// Image speed where none is given, in pixels per second.
 pub const DEFAULT_SPEED_PX_PER_S: f64 = 100.0;
@@ -303,32 +304,32 @@ impl Scene {
             }
         }
         let pose = self.resting_pose(first)?;
-        let pinhole = Pinhole::new(&self.cameras[first], size);
-        let mut points = self.visible_points(&pinhole, &pose, 0.0);
-        let depth = mean_depth(&pinhole, &points).unwrap_or_else(|| {
+        let lens = PixelLens::new(&self.cameras[first], size);
+        let mut points = self.visible_points(&lens, &pose, 0.0);
+        let depth = mean_depth(&lens, &points).unwrap_or_else(|| {
             let center = center.map_or(0.0, |c| -pose.inverse().transform_point3(c).z);
-            if center > pinhole.near { center } else { 1.0 }
+            if center > lens.near { center } else { 1.0 }
         });
         if points.is_empty() {
-            points = pinhole.plane(depth);
+            points = lens.plane(depth);
         }
         let clearance = || -> Result<f64, SceneError> {
             let eyes = (0..self.cameras.len()).map(|k| Ok(self.resting_pose(k)?.w_axis.truncate()));
             let eyes = eyes.collect::<Result<Vec<_>, SceneError>>()?;
-            Ok(self.clearance(&eyes) - pinhole.near_reach())
+            Ok(self.clearance(&eyes) - lens.near_reach())
         };
         match motion {
             CameraMotion::Orbit => {
                 // The model's centre; for a camera that does not look there, what it looks at.
                 let seen = |c: &DVec3| {
-                    pinhole.project(pose.inverse().transform_point3(*c)).is_some_and(|p| pinhole.shows(p))
+                    lens.project(pose.inverse().transform_point3(*c)).is_some_and(|p| lens.shows(p))
                 };
                 let pivot =
                     center.filter(seen).unwrap_or_else(|| pose.transform_point3(DVec3::NEG_Z * depth));
                 let base = DMat4::from_translation(pivot);
                 let spin = |rate| Path::Spin { start: Trs::default(), axis: DVec3::Y, rate };
                 let measured =
-                    measured(&pinhole, &points, &(base.inverse() * pose), &spin(1.0), [0.0].into_iter());
+                    measured(&lens, &points, &(base.inverse() * pose), &spin(1.0), [0.0].into_iter());
                 let rate = speed_px_per_s / usable(measured, "an orbit")?;
                 Ok(Move {
                     world_from_base: base,
@@ -364,7 +365,7 @@ impl Scene {
                 };
                 let path = Path::Harmonic { start: Trs::default(), terms: vec![term] };
                 let times = (0..SAMPLES).map(|k| (f64::from(k) + 0.5) / f64::from(SAMPLES));
-                let measured = measured(&pinhole, &points, &DMat4::IDENTITY, &path, times);
+                let measured = measured(&lens, &points, &DMat4::IDENTITY, &path, times);
                 let rate = speed_px_per_s / usable(measured, "a dolly")?;
                 Ok(Move {
                     world_from_base: pose,
@@ -378,12 +379,11 @@ impl Scene {
             }
             _ => {
                 // Larger speeds are faster, not wider.
-                let amplitude_px = (SHAKE_SHARE * pinhole.size.min_element()).min(speed_px_per_s / 8.0);
-                let path =
-                    shake(&pinhole, amplitude_px, depth.min(0.3 * clearance()?.max(0.0) / SHAKE_SHARE));
+                let amplitude_px = (SHAKE_SHARE * lens.size().min_element()).min(speed_px_per_s / 8.0);
+                let path = shake(&lens, amplitude_px, depth.min(0.3 * clearance()?.max(0.0) / SHAKE_SHARE));
                 // Long enough for the mean not to depend on it; a golden ratio apart, so that no sine is in step.
                 let times = (0..8 * SAMPLES).map(|k| f64::from(k) / 1.618_033_988_749_895);
-                let measured = measured(&pinhole, &points, &DMat4::IDENTITY, &path, times);
+                let measured = measured(&lens, &points, &DMat4::IDENTITY, &path, times);
                 let rate = speed_px_per_s / usable(measured, "a shake")?;
                 Ok(Move {
                     world_from_base: pose,
@@ -409,10 +409,10 @@ impl Scene {
         let path = trajectory::load_plain(file, PathInterpolation::Linear)?;
         let pose = self.resting_pose(first)?;
         let end_s = path.end_s().unwrap_or(0.0);
-        let pinhole = Pinhole::new(&self.cameras[first], size);
+        let lens = PixelLens::new(&self.cameras[first], size);
         let sees = |k: u32| {
             let world_from_camera = path.matrix(end_s * f64::from(k) / 16.0);
-            !self.visible_points(&pinhole, &world_from_camera, 0.0).is_empty()
+            !self.visible_points(&lens, &world_from_camera, 0.0).is_empty()
         };
         if let Some((low, high)) = self.bounds(0.0)
             && !(0..=16).any(sees)
@@ -503,9 +503,9 @@ const SHAKE_HZ: [[f64; 2]; 3] = [[1.1, 1.7], [1.9, 2.7], [2.9, 3.9]];
 
 /// Turns and shifts by at most `amplitude_px` along each axis at the centre of the picture, for surfaces at `depth`, and half as
 /// much more in its corners, by turning about the view axis and moving along it.
-fn shake(pinhole: &Pinhole, amplitude_px: f64, depth: f64) -> Path {
-    let focal = DVec2::from(pinhole.lens.focal).max_element();
-    let half_diagonal = 0.5 * pinhole.size.length();
+fn shake(lens: &PixelLens, amplitude_px: f64, depth: f64) -> Path {
+    let focal = DVec2::from(lens.focal).max_element();
+    let half_diagonal = 0.5 * lens.size().length();
     let [turn, shift] = [0.5 * amplitude_px / focal, 0.5 * amplitude_px * depth / focal];
     let [roll, advance] = [0.25 * amplitude_px / half_diagonal, 0.25 * amplitude_px * depth / half_diagonal];
     let axes: [(DVec3, DVec3); 6] = [
@@ -542,14 +542,14 @@ fn at_rate(path: Path, rate: f64) -> Path {
 
 /// Image speed of `points`, in the frame of a resting camera, along `path`.
 fn measured(
-    pinhole: &Pinhole,
+    lens: &PixelLens,
     points: &[DVec3],
     base_from_camera: &DMat4,
     path: &Path,
     times_s: impl Iterator<Item = f64>,
 ) -> Option<f64> {
     let camera_from_base = base_from_camera.inverse();
-    image_speed(pinhole, points, |t_s| camera_from_base * path.matrix(t_s) * *base_from_camera, times_s)
+    image_speed(lens, points, |t_s| camera_from_base * path.matrix(t_s) * *base_from_camera, times_s)
 }
 
 fn usable(speed: Option<f64>, what: &str) -> Result<f64, SceneError> {
@@ -560,9 +560,9 @@ fn usable(speed: Option<f64>, what: &str) -> Result<f64, SceneError> {
 }
 
 /// Mean depth of the points that show in the central half of the picture, else of all; `None` where there is none.
-fn mean_depth(pinhole: &Pinhole, points: &[DVec3]) -> Option<f64> {
+fn mean_depth(lens: &PixelLens, points: &[DVec3]) -> Option<f64> {
     let central: Vec<&DVec3> =
-        points.iter().filter(|p| pinhole.project(**p).is_some_and(|at| pinhole.is_central(at))).collect();
+        points.iter().filter(|p| lens.project(**p).is_some_and(|at| lens.is_central(at))).collect();
     let all: Vec<&DVec3> = if central.is_empty() { points.iter().collect() } else { central };
     (!all.is_empty()).then(|| all.iter().map(|p| -p.z).sum::<f64>() / all.len() as f64)
 }

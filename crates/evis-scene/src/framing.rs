@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use glam::{DMat4, DQuat, DVec3, Vec3};
 
-use crate::model::{Camera, Framing, Lens, Light, LightKind, Node, Primitive, Scene, ShadingModel, Trs};
+use crate::model::{Camera, Framing, Lens, Light, Node, Primitive, Scene, ShadingModel, Trs};
 use crate::motion::{Motion, looking_along};
 use crate::pose::SceneState;
 
@@ -82,18 +82,8 @@ impl Scene {
             motion: Motion::Fixed(pose.matrix()),
             ..Node::default()
         });
-        self.cameras.push(Camera {
-            name: "default".into(),
-            node,
-            lens: Lens::FieldOfView { fov_y: FRAMING_FOV_Y },
-            width: None,
-            height: None,
-            aspect: None,
-            near,
-            threshold_on: None,
-            threshold_off: None,
-            sensor: None,
-        });
+        let lens = Lens::FieldOfView { fov_y: FRAMING_FOV_Y };
+        self.cameras.push(Camera { near, ..Camera::new("default", node, lens) });
         Some(self.cameras.len() - 1)
     }
 
@@ -123,15 +113,7 @@ impl Scene {
     /// throws no shadow: a white matte surface that faces it has a radiance near 1.
     pub fn add_default_light(&mut self) {
         self.ambient = [0.3; 3];
-        self.lights.push(Light {
-            name: "default".into(),
-            kind: LightKind::Directional,
-            color: [1.0; 3],
-            intensity: 0.7 * std::f32::consts::PI,
-            range: None,
-            casts_shadow: false,
-            waveform: None,
-        });
+        self.lights.push(Light::directional("default", 0.7 * std::f32::consts::PI));
         let rotation = looking_along(-DVec3::new(0.6, 1.0, 0.35)).unwrap_or(DQuat::IDENTITY);
         self.nodes.push(Node {
             name: "default light".into(),
@@ -181,8 +163,9 @@ pub fn rigid_or_unrotated(world_from_node: &DMat4) -> DMat4 {
     rigid(world_from_node).unwrap_or_else(|| DMat4::from_translation(world_from_node.w_axis.truncate()))
 }
 
-/// World position of vertex `i`, morphed and skinned; `None` where it does not exist.
-pub(crate) fn deformed(
+/// World position of vertex `i`, in metres, morphed by `weights`, and carried by `world` or, where the primitive has joints, by
+/// `joint_matrices`; `None` where it does not exist.
+pub fn deformed(
     primitive: &Primitive,
     i: usize,
     world: &DMat4,

@@ -259,13 +259,7 @@ impl Camera {
 
     /// The lens, without a distortion that it may have, in a picture of `width` by `height` pixels: intrinsics belong to
     /// the camera's own size, and another size sees the same field.
-    pub fn pinhole(&self, size: (u32, u32)) -> PinholeLens {
-        let (focal, center) = self.intrinsics(size);
-        PinholeLens { focal, center }
-    }
-
-    /// Focal lengths and principal point of [`Camera::pinhole`], in pixels.
-    pub fn intrinsics(&self, (width, height): (u32, u32)) -> ([f64; 2], [f64; 2]) {
+    pub fn pinhole(&self, (width, height): (u32, u32)) -> PinholeLens {
         let size = DVec2::new(width.into(), height.into());
         let (focal, center) = match self.lens {
             Lens::FieldOfView { fov_y } => (DVec2::splat(0.5 * size.y / (0.5 * fov_y).tan()), 0.5 * size),
@@ -276,12 +270,12 @@ impl Camera {
                 (DVec2::new(fx, fy) * scale, DVec2::new(cx, cy) * scale)
             }
         };
-        (focal.into(), center.into())
+        PinholeLens { focal: focal.into(), center: center.into() }
     }
 }
 
 impl Scene {
-    /// The lens of camera `camera` (an index) in pixels of a picture of `width` by `height`, as [`Camera::intrinsics`] has it.
+    /// The lens of camera `camera` (an index) in pixels of a picture of `width` by `height`, as [`Camera::pinhole`] has it.
     ///
     /// # Errors
     /// As [`CalibratedLens::new`]; a camera that does not exist.
@@ -311,7 +305,7 @@ impl Scene {
                 self.cameras.len()
             )));
         };
-        let (focal, center) = camera.intrinsics((width, height));
+        let PinholeLens { focal, center } = camera.pinhole((width, height));
         CalibratedLens::new(focal, center, self.distortions.get(&camera.name).copied())
             .map_err(|error| SceneError::Rule(format!("camera '{}': {error}", camera.name)))
     }

@@ -279,6 +279,13 @@ pub struct Texture {
     pub nearest: bool,
 }
 
+impl Texture {
+    /// Image `image`, filtered, repeated in both directions.
+    pub const fn new(image: usize) -> Self {
+        Self { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false }
+    }
+}
+
 /// A decoded image: linear RGBA, 16-bit float, row-major from the top.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
@@ -337,6 +344,12 @@ pub struct Light {
 }
 
 impl Light {
+    /// A steady white light without shadows and without a range.
+    pub fn new(name: impl Into<String>, kind: LightKind, intensity: f32) -> Self {
+        let name = name.into();
+        Self { name, kind, color: [1.0; 3], intensity, range: None, casts_shadow: false, waveform: None }
+    }
+
     /// What it gives.
     pub const fn factors(&self) -> LightFactors {
         LightFactors { color: self.color, intensity: self.intensity, on: true }
@@ -366,6 +379,24 @@ pub struct Camera {
     pub threshold_off: Option<f32>,
     /// The sensor that the scene gives it; `None` leaves it to the run.
     pub sensor: Option<CameraSensor>,
+}
+
+impl Camera {
+    /// A camera on node `node` that leaves size, thresholds and sensor to the run, with a near plane at 1 cm.
+    pub fn new(name: impl Into<String>, node: usize, lens: Lens) -> Self {
+        Self {
+            name: name.into(),
+            node,
+            lens,
+            width: None,
+            height: None,
+            aspect: None,
+            near: 0.01,
+            threshold_on: None,
+            threshold_off: None,
+            sensor: None,
+        }
+    }
 }
 
 /// A sensor as a scene names it: whoever knows sensors reads it.

@@ -56,16 +56,8 @@ pub fn load(path: &Path) -> Result<Scene, SceneError> {
     scene.add_node(Node { name: "picture".into(), mesh: Some(0), ..Node::default() });
     let node = scene.add_node(Node { name: "default camera".into(), ..Node::default() });
     scene.cameras.push(Camera {
-        name: "default".into(),
-        node,
-        lens: Lens::FieldOfView { fov_y: 1.0 },
-        width: None,
-        height: None,
         aspect: Some(aspect),
-        near: 0.01,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
+        ..Camera::new("default", node, Lens::FieldOfView { fov_y: 1.0 })
     });
     scene.framing = Some(Framing::Picture { half_size });
     scene.fit_picture(None);

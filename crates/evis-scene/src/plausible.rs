@@ -3,8 +3,9 @@
 use glam::{DMat4, DVec3};
 
 use crate::model::Scene;
+use crate::pixel_lens::PixelLens;
 use crate::pose::SceneState;
-use crate::visible::{Pinhole, hit};
+use crate::visible::hit;
 
 /// Largest side of a likely scene, metres.
 const LIKELY_M: std::ops::RangeInclusive<f64> = 1.0e-3..=1.0e4;
@@ -131,7 +132,7 @@ impl Scene {
         (start_s, duration_s): (f64, f64),
         interval_s: f64,
     ) -> f64 {
-        let Some(pinhole) = self.cameras.get(camera).map(|camera| Pinhole::new(camera, size)) else {
+        let Some(lens) = self.cameras.get(camera).map(|camera| PixelLens::new(camera, size)) else {
             return 0.0;
         };
         let [mut before, mut after] = [SceneState::default(), SceneState::default()];
@@ -143,14 +144,14 @@ impl Scene {
             let poses = [&before, &after].map(|state| self.world_from_camera(camera, state));
             let [Some(world_from_camera), Some(moved)] = poses else { continue };
             let camera_from_world = moved.inverse();
-            let surfaces = self.visible_surfaces(&pinhole, &world_from_camera, t_s);
+            let surfaces = self.visible_surfaces(&lens, &world_from_camera, t_s);
             let mut motions: Vec<f64> = surfaces
                 .into_iter()
                 .filter_map(|(node, point)| {
                     let [from, to] = [&before, &after].map(|state| state.world_from_node[node]);
                     let now = camera_from_world * rigid_step(&from, &to) * world_from_camera;
-                    let now = pinhole.project(now.transform_point3(point))?;
-                    Some(pinhole.project(point)?.distance(now)).filter(|motion| motion.is_finite())
+                    let now = lens.project(now.transform_point3(point))?;
+                    Some(lens.project(point)?.distance(now)).filter(|motion| motion.is_finite())
                 })
                 .collect();
             // Single points close to the camera may move by any number of pixels.

@@ -3,8 +3,9 @@
 use glam::{DMat4, DVec2, DVec3};
 
 use crate::framing::deformed;
-use crate::lens::{LensModel, PinholeLens};
-use crate::model::{Camera, Scene};
+use crate::lens::LensModel;
+use crate::model::Scene;
+use crate::pixel_lens::PixelLens;
 use crate::pose::SceneState;
 
 /// Rays of the coarse grid along each axis.
@@ -14,60 +15,49 @@ const ROWS: usize = 48;
 /// Half of the step, in seconds, over which image speeds are taken.
 const HALF_STEP_S: f64 = 1e-5;
 
-/// The picture of a pinhole; cameras look along -Z.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Pinhole {
+impl PixelLens {
     /// Width and height in pixels.
-    pub size: DVec2,
-    /// Its lens.
-    pub lens: PinholeLens,
-    /// Near plane in metres.
-    pub near: f64,
-}
-
-impl Pinhole {
-    pub fn new(camera: &Camera, size: Option<(u32, u32)>) -> Self {
-        let (width, height) = camera.pixels(size);
-        let size = DVec2::new(width.into(), height.into());
-        Self { size, lens: camera.pinhole((width, height)), near: camera.near }
+    pub(crate) fn size(&self) -> DVec2 {
+        DVec2::new(self.width.into(), self.height.into())
     }
 
     /// Where the camera shows a point of its own frame; `None` behind its near plane.
-    pub fn project(&self, p: DVec3) -> Option<DVec2> {
-        self.lens.project(p).filter(|_| -p.z >= self.near)
+    pub(crate) fn project(&self, p: DVec3) -> Option<DVec2> {
+        self.pinhole().project(p).filter(|_| -p.z >= self.near)
     }
 
     /// Direction, with z = -1, in which the camera sees `pixel`.
-    pub fn ray(&self, pixel: DVec2) -> DVec3 {
-        self.lens.ray(pixel)
+    pub(crate) fn ray(&self, pixel: DVec2) -> DVec3 {
+        self.pinhole().ray(pixel)
     }
 
     /// Whether `pixel` lies in the picture.
-    pub fn shows(&self, pixel: DVec2) -> bool {
-        pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(self.size).all()
+    pub(crate) fn shows(&self, pixel: DVec2) -> bool {
+        pixel.cmpge(DVec2::ZERO).all() && pixel.cmplt(self.size()).all()
     }
 
     /// Whether `pixel` lies in the central half of the picture, along each axis.
-    pub fn is_central(&self, pixel: DVec2) -> bool {
-        (pixel - 0.5 * self.size).abs().cmple(0.25 * self.size).all()
+    pub(crate) fn is_central(&self, pixel: DVec2) -> bool {
+        (pixel - 0.5 * self.size()).abs().cmple(0.25 * self.size()).all()
     }
 
     /// Distance to the farthest point of the near plane that the picture shows.
-    pub fn near_reach(&self) -> f64 {
-        let corners = [DVec2::ZERO, self.size, DVec2::new(self.size.x, 0.0), DVec2::new(0.0, self.size.y)];
+    pub(crate) fn near_reach(&self) -> f64 {
+        let size = self.size();
+        let corners = [DVec2::ZERO, size, size.with_y(0.0), size.with_x(0.0)];
         corners.map(|corner| self.ray(corner).length()).into_iter().fold(0.0, f64::max) * self.near
     }
 
     fn grid(&self) -> impl Iterator<Item = (usize, DVec3)> + use<> {
-        let (pinhole, cell) = (*self, self.size / DVec2::new(COLUMNS as f64, ROWS as f64));
+        let (lens, cell) = (*self, self.size() / DVec2::new(COLUMNS as f64, ROWS as f64));
         (0..COLUMNS * ROWS).map(move |i| {
             let at = DVec2::new((i % COLUMNS) as f64 + 0.5, (i / COLUMNS) as f64 + 0.5);
-            (i, pinhole.ray(at * cell))
+            (i, lens.ray(at * cell))
         })
     }
 
     /// Points at `depth` metres before the camera, all over the picture.
-    pub fn plane(&self, depth: f64) -> Vec<DVec3> {
+    pub(crate) fn plane(&self, depth: f64) -> Vec<DVec3> {
         self.grid().map(|(_, ray)| ray * depth).collect()
     }
 }
@@ -119,36 +109,31 @@ impl Scene {
     }
 
     /// Points of surfaces that the camera shows at `t_s`, in its own frame, spread evenly over the picture.
-    pub(crate) fn visible_points(
-        &self,
-        pinhole: &Pinhole,
-        world_from_camera: &DMat4,
-        t_s: f64,
-    ) -> Vec<DVec3> {
-        self.visible_surfaces(pinhole, world_from_camera, t_s).into_iter().map(|(_, point)| point).collect()
+    pub(crate) fn visible_points(&self, lens: &PixelLens, world_from_camera: &DMat4, t_s: f64) -> Vec<DVec3> {
+        self.visible_surfaces(lens, world_from_camera, t_s).into_iter().map(|(_, point)| point).collect()
     }
 
     /// The same points, each with the node that shows there.
     pub(crate) fn visible_surfaces(
         &self,
-        pinhole: &Pinhole,
+        lens: &PixelLens,
         world_from_camera: &DMat4,
         t_s: f64,
     ) -> Vec<(usize, DVec3)> {
         let camera_from_world = world_from_camera.inverse();
-        let rays: Vec<DVec3> = pinhole.grid().map(|(_, ray)| ray).collect();
+        let rays: Vec<DVec3> = lens.grid().map(|(_, ray)| ray).collect();
         let mut nearest = vec![(0, f64::INFINITY); rays.len()];
-        let per_cell = DVec2::new(COLUMNS as f64, ROWS as f64) / pinhole.size;
+        let per_cell = DVec2::new(COLUMNS as f64, ROWS as f64) / lens.size();
         self.visit_triangles(t_s, |triangle| {
             let corners = triangle.corners.map(|p| camera_from_world.transform_point3(p));
-            if corners.iter().all(|p| -p.z < pinhole.near) {
+            if corners.iter().all(|p| -p.z < lens.near) {
                 return;
             }
-            let [first, last] = cells(pinhole, per_cell, &corners);
+            let [first, last] = cells(lens, per_cell, &corners);
             for row in first[1]..last[1] {
                 for column in first[0]..last[0] {
                     let i = row * COLUMNS + column;
-                    let depth = hit(rays[i], &corners, triangle.both).filter(|d| *d >= pinhole.near);
+                    let depth = hit(rays[i], &corners, triangle.both).filter(|d| *d >= lens.near);
                     if let Some(depth) = depth.filter(|depth| *depth < nearest[i].1) {
                         nearest[i] = (triangle.node, depth);
                     }
@@ -178,8 +163,8 @@ impl Scene {
 }
 
 /// First and past-the-last column and row of the coarse grid's rays that may hit the triangle.
-fn cells(pinhole: &Pinhole, per_cell: DVec2, corners: &[DVec3; 3]) -> [[usize; 2]; 2] {
-    let pixels = corners.map(|p| pinhole.project(p));
+fn cells(lens: &PixelLens, per_cell: DVec2, corners: &[DVec3; 3]) -> [[usize; 2]; 2] {
+    let pixels = corners.map(|p| lens.project(p));
     let [Some(a), Some(b), Some(c)] = pixels else {
         // It reaches behind the camera: it may show anywhere.
         return [[0, 0], [COLUMNS, ROWS]];
@@ -248,7 +233,7 @@ fn nearest_point(p: DVec3, [a, b, c]: &[DVec3; 3]) -> DVec3 {
 /// identity) over `times_s`, of those that show in the central half of the picture, else in all of it; `None` where none
 /// does.
 pub(crate) fn image_speed(
-    pinhole: &Pinhole,
+    lens: &PixelLens,
     points: &[DVec3],
     start_from_camera: impl Fn(f64) -> DMat4,
     times_s: impl Iterator<Item = f64>,
@@ -258,16 +243,16 @@ pub(crate) fn image_speed(
         let [before, now, after] =
             [t_s - HALF_STEP_S, t_s, t_s + HALF_STEP_S].map(|t| start_from_camera(t).inverse());
         for point in points {
-            let at = |m: &DMat4| pinhole.project(m.transform_point3(*point));
+            let at = |m: &DMat4| lens.project(m.transform_point3(*point));
             let (Some(p0), Some(p), Some(p1)) = (at(&before), at(&now), at(&after)) else { continue };
             let speed = (p1 - p0).length() / (2.0 * HALF_STEP_S);
             if !speed.is_finite() {
                 continue;
             }
-            if pinhole.is_central(p) {
+            if lens.is_central(p) {
                 central = (central.0 + speed, central.1 + 1);
             }
-            if pinhole.shows(p) {
+            if lens.shows(p) {
                 anywhere = (anywhere.0 + speed, anywhere.1 + 1);
             }
         }

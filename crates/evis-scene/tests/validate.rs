@@ -7,7 +7,7 @@ use std::sync::Arc;
 use evis_scene::motion::{Curve, Path, WaveShape, Waveform};
 use evis_scene::{
     Camera, Image, Lens, Light, LightKind, Material, Mesh, MorphTarget, Motion, Node, Primitive, Scene, Skin,
-    Texture, TextureRef, Trs, Variant, Wrap,
+    Texture, TextureRef, Trs, Variant,
 };
 use glam::{DMat4, DVec3};
 use half::f16;
@@ -21,18 +21,7 @@ fn triangle() -> Primitive {
 }
 
 fn camera(name: &str) -> Camera {
-    Camera {
-        name: name.into(),
-        node: 0,
-        lens: Lens::FieldOfView { fov_y: 1.0 },
-        width: None,
-        height: None,
-        aspect: None,
-        near: 0.01,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
-    }
+    Camera::new(name, 0, Lens::FieldOfView { fov_y: 1.0 })
 }
 
 fn good() -> Scene {
@@ -51,18 +40,10 @@ fn good() -> Scene {
         ],
         meshes: vec![Mesh { name: "tile".into(), primitives: vec![triangle()], morph_weights: vec![] }],
         materials: vec![Material::default()],
-        textures: vec![Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false }],
+        textures: vec![Texture::new(0)],
         images: vec![Image { name: "dot".into(), width: 1, height: 1, texels: vec![[f16::ONE; 4]] }],
         skins: vec![Skin { joints: vec![0], inverse_bind: vec![DMat4::IDENTITY] }],
-        lights: vec![Light {
-            name: "lamp".into(),
-            kind: LightKind::Point,
-            color: [1.0; 3],
-            intensity: 1.0,
-            range: None,
-            casts_shadow: false,
-            waveform: None,
-        }],
+        lights: vec![Light::point("lamp", 1.0)],
         cameras: vec![camera("eye"), camera("eye"), camera("eye_2"), camera("")],
         ..Scene::default()
     }

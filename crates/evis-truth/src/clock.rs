@@ -3,7 +3,7 @@
 use std::sync::{Arc, OnceLock};
 
 use evis_scene::{
-    CalibratedLens, LensModel, Motion, Scene, SceneError, SceneState, rigid, rigid_or_unrotated,
+    CalibratedLens, LensModel, Motion, PixelLens, Scene, SceneError, SceneState, rigid, rigid_or_unrotated,
 };
 use glam::DVec3;
 
@@ -161,29 +161,15 @@ fn moving_nodes(scene: &Scene) -> Vec<bool> {
 
 /// Lens of camera `camera` in pixels, at the size that `settings`, the camera or the defaults say.
 fn pinhole(scene: &Scene, camera: usize, settings: &TruthSettings) -> Result<Pinhole, SceneError> {
-    let Some(camera) = scene.camera_in(scene.variants.first(), camera, settings.start_us as f64) else {
-        return Err(SceneError::Rule(format!("there is no camera {camera}")));
-    };
-    let (width, height) = camera.pixels(settings.size);
-    let (focal, center) = camera.intrinsics((width, height));
-    let usable = focal.iter().all(|f| f.is_finite() && *f > 0.0)
-        && center.iter().all(|c| c.is_finite())
-        && camera.near.is_finite()
-        && camera.near > 0.0;
+    let (variant, start_us) = (scene.variants.first(), settings.start_us as f64);
+    let lens = scene.pixel_lens(variant, camera, settings.size, start_us)?;
     let mut state = SceneState::default();
-    scene.evaluate_variant(scene.variants.first(), settings.start_us as f64 * 1e-6, &mut state);
-    let pose = state.world_from_node.get(camera.node).and_then(rigid);
-    let (true, Some(world_from_camera)) = (usable, pose) else {
-        return Err(SceneError::Rule(format!("camera '{}' has no usable lens or pose", camera.name)));
+    scene.evaluate_variant(variant, start_us * 1e-6, &mut state);
+    let camera = &scene.cameras[camera];
+    let Some(world_from_camera) = state.world_from_node.get(camera.node).and_then(rigid) else {
+        return Err(SceneError::Rule(format!("camera '{}' has no usable pose", camera.name)));
     };
-    Ok(Pinhole {
-        world_from_camera,
-        focal,
-        center,
-        width: width as usize,
-        height: height as usize,
-        near: camera.near,
-    })
+    Ok(Pinhole { world_from_camera, lens })
 }
 
 /// The lens of camera `camera`, where it is distorted.
@@ -196,10 +182,10 @@ fn distorted_lens(
     if !scene.distortions.contains_key(name) {
         return Ok(None);
     }
-    let (width, height) = (pinhole.width as u32, pinhole.height as u32);
+    let PixelLens { width, height, .. } = pinhole.lens;
     let lens = scene.calibrated_lens_in(scene.variants.first(), camera, width, height)?;
-    for (x, y) in (0..=pinhole.height).flat_map(|y| (0..=pinhole.width).map(move |x| (x, y))) {
-        if lens.planar_ray([x as f64, y as f64].into()).is_none() {
+    for (x, y) in (0..=height).flat_map(|y| (0..=width).map(move |x| (x, y))) {
+        if lens.planar_ray([x.into(), y.into()].into()).is_none() {
             return Err(SceneError::Rule(format!(
                 "camera '{name}': its lens sees nothing at pixel ({x}, {y}), or behind its own plane; truth takes a lens \
                  that covers the picture, below 180 degrees: choose a smaller picture or a longer focal length"

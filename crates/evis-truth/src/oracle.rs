@@ -3,14 +3,14 @@
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
 use evis_core::{CameraInfo, Event, LensDistortion, SensorConfig, Truth};
-use evis_scene::{Scene, SceneError};
+use evis_scene::{PixelLens, Scene, SceneError};
 use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::audit::Audit;
 use crate::clock::{Clock, Moment};
 use crate::lattice::Lattice;
-use crate::rays::{Beam, Pinhole, Textures};
+use crate::rays::{Beam, Textures};
 use crate::schedule::{self, Schedule};
 use crate::settings::{TruthError, TruthSettings};
 use crate::signal::Sampler;
@@ -62,8 +62,8 @@ pub fn truth(
     };
     let textures = Textures::new(scene);
     let mut clock = Clock::new(scene, &textures, camera, settings)?;
-    let pinhole = *clock.pinhole();
-    let pixels = settings.pixels(pinhole.width as u32, pinhole.height as u32)?;
+    let lens = clock.pinhole().lens;
+    let pixels = settings.pixels(lens.width, lens.height)?;
 
     let instants = settings.instants()?;
     let given = instants.as_ref().map_or(settings.step_us, |instants| instants.get(1).copied());
@@ -141,7 +141,7 @@ pub fn truth(
         seconds: started.elapsed().as_secs_f64(),
     };
     let provenance = serde_json::to_string(&provenance).unwrap_or_default();
-    Ok(assemble(camera_info(scene, &info.name, &pinhole), rules, pixels, &walked, provenance))
+    Ok(assemble(camera_info(scene, &info.name, &lens), rules, pixels, &walked, provenance))
 }
 
 /// Refuses a stretch of which a host has not said everything, or no longer has.
@@ -164,15 +164,15 @@ fn check_host(scene: &Scene, settings: &TruthSettings) -> Result<(), SceneError>
     Ok(())
 }
 
-fn camera_info(scene: &Scene, name: &str, pinhole: &Pinhole) -> CameraInfo {
+fn camera_info(scene: &Scene, name: &str, lens: &PixelLens) -> CameraInfo {
     CameraInfo {
         name: name.to_owned(),
-        width: pinhole.width as u32,
-        height: pinhole.height as u32,
-        fx: pinhole.focal[0],
-        fy: pinhole.focal[1],
-        cx: pinhole.center[0],
-        cy: pinhole.center[1],
+        width: lens.width,
+        height: lens.height,
+        fx: lens.focal[0],
+        fy: lens.focal[1],
+        cx: lens.center[0],
+        cy: lens.center[1],
         distortion: scene.distortions.get(name).map(|distortion| LensDistortion {
             model: distortion.name().to_owned(),
             coefficients: distortion.coefficients(),
@@ -216,7 +216,8 @@ fn assemble(
 
 /// `Y_ref` that brings the log-mean of what is lit to 0.18, from all pixels at `moment`.
 fn reference(moment: &Moment) -> f64 {
-    let (camera, picture) = (&moment.camera, &moment.camera.pinhole);
+    let camera = &moment.camera;
+    let [width, height] = [camera.pinhole.lens.width, camera.pinhole.lens.height].map(|edge| edge as usize);
     // Few points for every pixel. Where light varies within a pixel at random, the logarithm of their mean lies below that
     // of the whole area's by half of its relative variance: some of the pixels are asked with many, too.
     let few: Vec<[f64; 2]> = (0..13)
@@ -225,13 +226,13 @@ fn reference(moment: &Moment) -> f64 {
     let many = Lattice::First.offsets(0);
     let block = REFERENCE_BLOCK * REFERENCE_BLOCK;
     // How far apart, in a block, those pixels are.
-    let apart = (picture.width * picture.height).div_ceil(REFERENCE_PIXELS).clamp(1, block);
-    let blocks = [picture.width, picture.height].map(|size| size.div_ceil(REFERENCE_BLOCK));
+    let apart = (width * height).div_ceil(REFERENCE_PIXELS).clamp(1, block);
+    let blocks = [width, height].map(|size| size.div_ceil(REFERENCE_BLOCK));
     let (sum, lit, lift, asked) = (0..blocks[0] * blocks[1])
         .into_par_iter()
         .map(|i| {
             let corner = [i % blocks[0], i / blocks[0]].map(|k| k * REFERENCE_BLOCK);
-            let end = [picture.width, picture.height].map(|size| size as f64);
+            let end = [width, height].map(|size| size as f64);
             let low = corner.map(|v| v as f64);
             let high = [0, 1].map(|k| (low[k] + REFERENCE_BLOCK as f64).min(end[k]));
             let beam = Beam::new(&moment.caster, camera, low, high);

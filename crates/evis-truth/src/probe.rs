@@ -73,8 +73,8 @@ pub fn probe(clock: &Clock, now: &Moment, t_us: f64, x: u16, y: u16) -> Probe {
         None => {
             let direction = now.camera.ray(at(x, y, [0.0, 0.0])).direction;
             past.camera.project_direction(direction).is_none_or(|[u, v]| {
-                let inside = (0.0..past.camera.pinhole.width as f64).contains(&u)
-                    && (0.0..past.camera.pinhole.height as f64).contains(&v);
+                let inside = (0.0..past.camera.pinhole.lens.width.into()).contains(&u)
+                    && (0.0..past.camera.pinhole.lens.height.into()).contains(&v);
                 !inside || past.caster.hit_at(&past.camera, [u, v]).is_some()
             })
         }

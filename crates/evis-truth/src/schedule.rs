@@ -27,17 +27,15 @@ const WINDOW_PX: f64 = 3.0;
 /// A step that serves every pixel, and the image speed that it is for: that of the fastest thing, and no light goes
 /// through much of a period.
 pub fn shortest(clock: &Clock, duration_us: i64) -> (i64, f64) {
-    let camera = clock.pinhole();
-    let stride = (camera.width / 40).max(1);
+    let [width, height] = [clock.pinhole().lens.width, clock.pinhole().lens.height].map(|edge| edge as usize);
+    let stride = (width / 40).max(1);
     let fastest = (0..INSTANTS)
         .map(|k| duration_us as f64 * (k as f64 + 0.5) / INSTANTS as f64)
         .map(|t| {
             let (now, later) = (clock.at(t), clock.at(t + APART_US));
-            let columns = (0..camera.width).step_by(stride);
+            let columns = (0..width).step_by(stride);
             let places: Vec<[f64; 2]> = columns
-                .flat_map(|x| {
-                    (0..camera.height).step_by(stride).map(move |y| [x as f64 + 0.5, y as f64 + 0.5])
-                })
+                .flat_map(|x| (0..height).step_by(stride).map(move |y| [x as f64 + 0.5, y as f64 + 0.5]))
                 .collect();
             let speed = |at: &[f64; 2]| {
                 let (hit, ray) = (now.caster.hit_at(&now.camera, *at), now.camera.ray(*at));

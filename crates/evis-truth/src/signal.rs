@@ -256,16 +256,9 @@ mod tests {
         let mut scene = Scene::default();
         let node = scene.add_node(Node::default());
         scene.cameras.push(Camera {
-            name: "camera".into(),
-            node,
-            lens: Lens::Intrinsics { fx: 100.0, fy: 100.0, cx: 1.5, cy: 1.5 },
             width: Some(3),
             height: Some(3),
-            aspect: None,
-            near: 0.01,
-            threshold_on: None,
-            threshold_off: None,
-            sensor: None,
+            ..Camera::new("camera", node, Lens::Intrinsics { fx: 100.0, fy: 100.0, cx: 1.5, cy: 1.5 })
         });
         for (i, luminance) in [0.1, 1.0].into_iter().enumerate() {
             let right = if i == 0 { 0.0 } else { 9.0 };

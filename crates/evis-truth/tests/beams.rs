@@ -2,18 +2,14 @@
 
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use evis_scene::{Scene, SceneState, builtin};
+use evis_scene::{PixelLens, Scene, SceneState, builtin};
 use evis_truth::rays::{Beam, Options, Pinhole, RayCaster, TextureFilter, Textures};
 use glam::DMat4;
 
 fn pinhole(scene: &Scene, state: &SceneState) -> Pinhole {
     Pinhole {
         world_from_camera: scene.world_from_camera(0, state).unwrap_or(DMat4::IDENTITY),
-        focal: [430.0; 2],
-        center: [320.0, 240.0],
-        width: 640,
-        height: 480,
-        near: 0.01,
+        lens: PixelLens { focal: [430.0; 2], center: [320.0, 240.0], width: 640, height: 480, near: 0.01 },
     }
 }
 

@@ -11,9 +11,7 @@ use evis_core::closed_form::{
 use evis_core::metric::{ScoreSettings, score};
 use evis_core::{SensorConfig, Truth, closed_form};
 use evis_scene::motion::{Curve, Interpolation, Path, WaveShape, Waveform};
-use evis_scene::{
-    Camera, Lens, Light, LightKind, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs,
-};
+use evis_scene::{Camera, Lens, Light, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs};
 use evis_truth::{Audit, Lattice, PixelChoice, TruthSettings, truth};
 use glam::{DMat4, DQuat, DVec3};
 
@@ -27,18 +25,9 @@ const DURATION_US: i64 = 200_000;
 fn scene() -> Scene {
     let mut scene = Scene::default();
     let node = scene.add_node(Node::default());
-    scene.cameras.push(Camera {
-        name: "camera".into(),
-        node,
-        lens: Lens::Intrinsics { fx: PX, fy: PX, cx: f64::from(WIDTH) / 2.0, cy: f64::from(HEIGHT) / 2.0 },
-        width: Some(WIDTH),
-        height: Some(HEIGHT),
-        aspect: None,
-        near: 0.01,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
-    });
+    let lens = Lens::Intrinsics { fx: PX, fy: PX, cx: f64::from(WIDTH) / 2.0, cy: f64::from(HEIGHT) / 2.0 };
+    let camera = Camera::new("camera", node, lens);
+    scene.cameras.push(Camera { width: Some(WIDTH), height: Some(HEIGHT), ..camera });
     scene
 }
 
@@ -222,15 +211,7 @@ fn a_shadow_s_border_is_an_edge() {
     let diffuse =
         Material { model: ShadingModel::Diffuse, base_color: [0.6, 0.6, 0.6, 1.0], ..Material::default() };
     add(&mut scene, card(-2.0, 2.0, -2.0, 2.0), diffuse, at(DVec3::new(0.0, 0.0, -1.0)));
-    scene.lights.push(Light {
-        name: String::new(),
-        kind: LightKind::Directional,
-        color: [1.0; 3],
-        intensity: direct,
-        range: None,
-        casts_shadow: true,
-        waveform: None,
-    });
+    scene.lights.push(Light::directional("", direct).with_shadow());
     let toward = DVec3::new(0.6, 0.0, -0.8);
     let pose = DMat4::from_quat(DQuat::from_rotation_arc(DVec3::NEG_Z, toward));
     scene.add_node(Node { light: Some(0), motion: Motion::Fixed(pose), ..Node::default() });

@@ -8,8 +8,8 @@ use evis_core::SensorConfig;
 use evis_scene::builder::{EventCamera, Placement, SceneBuilder};
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    HostNames, HostPoses, HostStep, Light, LightChange, LightKind, Material, MaterialChange, Scene,
-    ShadingModel, Variant,
+    HostNames, HostPoses, HostStep, Light, LightChange, Material, MaterialChange, Scene, ShadingModel,
+    Variant,
 };
 use evis_truth::{TruthSettings, truth};
 
@@ -129,16 +129,8 @@ fn a_light_changes_in_steps() {
     let matt = Material { name: "matt".into(), model: ShadingModel::Diffuse, ..Material::default() };
     let matt = s.material(matt).unwrap();
     s.shape("card", Shape::Card { size: [9.0, 9.0] }, matt, Placement::at([0.0, 0.0, -1.0])).unwrap();
-    let lamp = Light {
-        name: "lamp".into(),
-        kind: LightKind::Directional,
-        color: [1.0; 3],
-        // A white card of radiance 0.2.
-        intensity: 0.2 * std::f32::consts::PI,
-        range: None,
-        casts_shadow: false,
-        waveform: None,
-    };
+    // A white card of radiance 0.2.
+    let lamp = Light::directional("lamp", 0.2 * std::f32::consts::PI);
     s.light(lamp, Placement::at([0.0; 3])).unwrap();
     let camera = EventCamera::new("eye").size(6, 4).intrinsics(10.0, 10.0, 3.0, 2.0);
     s.camera(camera, Placement::at([0.0; 3])).unwrap();

@@ -6,8 +6,8 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use evis_scene::environment::Environment;
 use evis_scene::{
-    AlphaMode, Image, Light, LightKind, Material, Mesh, MorphTarget, Node, Primitive, Scene, SceneState,
-    ShadingModel, Skin, Texture, TextureRef, Wrap,
+    AlphaMode, Image, Light, LightKind, Material, Mesh, MorphTarget, Node, PixelLens, Primitive, Scene,
+    SceneState, ShadingModel, Skin, Texture, TextureRef, Wrap,
 };
 use evis_truth::rays::Textures;
 use evis_truth::rays::geometry::Geometry;
@@ -59,12 +59,13 @@ fn still(scene: &Scene) -> SceneState {
 fn camera() -> Pinhole {
     Pinhole {
         world_from_camera: DMat4::from_translation(DVec3::new(0.0, 0.0, 2.0)),
-        focal: [100.0, 100.0],
-        center: [16.0, 12.0],
-        width: 32,
-        height: 24,
-        near: 0.01,
+        lens: PixelLens { focal: [100.0, 100.0], center: [16.0, 12.0], width: 32, height: 24, near: 0.01 },
     }
+}
+
+/// [`camera`] with another lens.
+fn with_lens(lens: PixelLens) -> Pinhole {
+    Pinhole { lens, ..camera() }
 }
 
 fn light(scene: &mut Scene, state: &mut SceneState, light: Light, pose: DMat4) {
@@ -77,15 +78,7 @@ fn light(scene: &mut Scene, state: &mut SceneState, light: Light, pose: DMat4) {
 }
 
 fn lamp(kind: LightKind, intensity: f32) -> Light {
-    Light {
-        name: String::new(),
-        kind,
-        color: [1.0, 0.5, 0.25],
-        intensity,
-        range: None,
-        casts_shadow: false,
-        waveform: None,
-    }
+    Light::new("", kind, intensity).colored([1.0, 0.5, 0.25])
 }
 
 /// Radiance at the image point that sees the world's origin.
@@ -156,7 +149,7 @@ fn labels_agree_with_a_tilted_plane() {
     assert_eq!(cards, 100, "0.2 m are 10 pixels");
     // A near plane behind the card shows what lies behind it; one behind everything shows nothing.
     for (near, instance, depth) in [(2.5, 1, true), (50.0, 0, false)] {
-        let labels = raster.labels(&Pinhole { near, ..camera });
+        let labels = raster.labels(&Pinhole { lens: PixelLens { near, ..camera.lens }, ..camera });
         assert_eq!(labels.instance[12 * 32 + 16], instance);
         assert_eq!(labels.depth[12 * 32 + 16].is_finite(), depth);
     }
@@ -423,7 +416,7 @@ fn a_uniform_environment_is_reflected_without_gain() {
         height: 1,
         texels: vec![[f16::from_f32(0.5); 4]],
     });
-    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    scene.textures.push(Texture::new(0));
     scene.materials[0].occlusion_texture = Some(TextureRef::new(0));
     scene.materials[0].occlusion_strength = 0.5;
     near(at_center(&scene, &state), sky * 0.5 * 0.75, 1e-9);
@@ -486,7 +479,7 @@ fn mip_levels_follow_the_exact_footprint() {
     let material = Material { base_color_texture: Some(TextureRef::new(0)), ..unlit([1.0; 4]) };
     let mut scene = scene(vec![card(0.5, 0.5)], vec![material]);
     scene.images.push(ramp(256, 256, |x, y| ((x + y) % 2) as f32));
-    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    scene.textures.push(Texture::new(0));
     let mut state = still(&scene);
     let spread = |state: &SceneState, camera: &Pinhole, samples: f64| {
         let options =
@@ -503,10 +496,11 @@ fn mip_levels_follow_the_exact_footprint() {
     let biased = spread(&state, &camera(), 16.0);
     assert!((0.1..0.5 * 0.645).contains(&biased), "{biased}");
     // Magnified, it is the base level alone; the row of image points lies half a texel from the middle.
-    let magnified = Pinhole { focal: [1000.0; 2], center: [16.0, 12.3 - 500.0 / 512.0], ..camera() };
+    let magnified =
+        with_lens(PixelLens { focal: [1000.0; 2], center: [16.0, 12.3 - 500.0 / 512.0], ..camera().lens });
     assert!(spread(&state, &magnified, 1.0) > 0.45);
     // Seen at a slant the footprint is long in one axis, and the longer one counts.
-    let close = Pinhole { focal: [300.0; 2], ..camera() };
+    let close = with_lens(PixelLens { focal: [300.0; 2], ..camera().lens });
     let upright = spread(&state, &close, 1.0);
     state.world_from_node[0] = DMat4::from_rotation_x(-1.2);
     let slanted = spread(&state, &close, 1.0);
@@ -529,7 +523,7 @@ fn normal_maps_tilt_in_the_texture_s_frame_also_in_a_mirror() {
     };
     let mut scene = scene(vec![card(1.0, 1.0)], vec![material]);
     scene.images.push(Image { name: String::new(), width: 1, height: 1, texels: vec![tilted] });
-    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    scene.textures.push(Texture::new(0));
     let mut state = still(&scene);
     // Light from straight above: along the tilted normal's 45 degrees.
     let sun = Light { color: [1.0; 3], ..lamp(LightKind::Directional, PI as f32) };
@@ -707,7 +701,7 @@ fn a_sample_s_share_of_a_texture_is_its_mean() {
     let material = Material { base_color_texture: Some(TextureRef::new(0)), ..unlit([1.0; 4]) };
     let mut scene = scene(vec![card(0.5, 0.5)], vec![material]);
     scene.images.push(ramp(256, 256, |x, _| (x % 2) as f32));
-    scene.textures.push(Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    scene.textures.push(Texture::new(0));
     let state = still(&scene);
     let textures = Textures::new(&scene);
     let worst = |filter| {
@@ -727,7 +721,7 @@ fn a_sample_s_share_of_a_texture_is_its_mean() {
     assert!(worst(averaged(1.0)) < 0.4);
     let magnified = |filter| {
         let options = Options { filter, shadows: false, ..Options::default() };
-        let camera = Pinhole { focal: [1000.0; 2], ..camera() };
+        let camera = with_lens(PixelLens { focal: [1000.0; 2], ..camera().lens });
         RayCaster::new(&scene, &state, &textures, options).radiance_at(&camera, [16.3, 12.3]).x
     };
     let exact = magnified(TextureFilter::BaseLevel);

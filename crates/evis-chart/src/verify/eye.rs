@@ -1,7 +1,7 @@
 //! The oracle's eye at one instant: what reports need of rays beyond truths.
 
 use evis_core::CameraInfo;
-use evis_scene::{Scene, SceneState};
+use evis_scene::{PixelLens, Scene, SceneState};
 use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
 
 use crate::error::ChartError;
@@ -31,14 +31,14 @@ impl<'a> Eye<'a> {
         let (Some(world_from_camera), Some(near)) = (pose, scene.cameras.get(index).map(|c| c.near)) else {
             return Err(ChartError::Truth(format!("camera '{}' has no usable pose", camera.name)));
         };
-        let pinhole = Pinhole {
-            world_from_camera,
+        let lens = PixelLens {
             focal: [camera.fx, camera.fy],
             center: [camera.cx, camera.cy],
-            width: camera.width as usize,
-            height: camera.height as usize,
+            width: camera.width,
+            height: camera.height,
             near,
         };
+        let pinhole = Pinhole { world_from_camera, lens };
         Ok(Self { caster: RayCaster::new(scene, &state, textures, OPTIONS), pinhole })
     }
 

@@ -18,14 +18,13 @@ mod table;
 mod tests;
 
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use evis_core::ConfigError;
 use evis_render::Gpu;
 use serde::{Deserialize, Serialize};
 
 use super::VERSION;
-use crate::chart::{Progress, Stage, date};
+use crate::chart::{Progress, Stage, today};
 use crate::error::ChartError;
 use crate::result::DeviceNote;
 
@@ -250,17 +249,12 @@ pub fn verify_failures(
             cell.faults = cell.limit.as_ref().map_or_else(Vec::new, |limit| limit.faults(cell, native));
         }
     }
-    let device = gpu.summary();
     Ok(FailureReport {
         evis_verify: VERSION,
         report: REPORT.into(),
         evis: env!("CARGO_PKG_VERSION").into(),
-        measured: date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())),
-        device: DeviceNote {
-            name: device.name.clone(),
-            driver: device.driver.clone(),
-            cores: std::thread::available_parallelism().map_or(0, usize::from),
-        },
+        measured: today(),
+        device: DeviceNote::of(gpu),
         methods: settings.methods.clone(),
         failures: cases.iter().map(|case| case.note()).collect(),
         cells: cells.into_iter().flatten().collect(),

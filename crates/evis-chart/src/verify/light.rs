@@ -6,7 +6,6 @@ mod table;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::{SystemTime, UNIX_EPOCH};
 
 use evis_core::{ConfigError, Region};
 use evis_render::{Gpu, RunConfig, Shadows, Simulator};
@@ -18,7 +17,7 @@ use serde::{Deserialize, Serialize};
 
 use super::VERSION;
 use super::eye::Eye;
-use crate::chart::{Progress, Stage, date, first_environment};
+use crate::chart::{Progress, Stage, first_environment, today};
 use crate::error::ChartError;
 use crate::result::DeviceNote;
 
@@ -258,17 +257,12 @@ pub fn verify_light(
         oracle: seen[i].luminance,
         difference: difference[i],
     };
-    let device = gpu.summary();
     Ok(LightReport {
         evis_verify: VERSION,
         report: REPORT.into(),
         evis: env!("CARGO_PKG_VERSION").into(),
-        measured: date(SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |d| d.as_secs())),
-        device: DeviceNote {
-            name: device.name.clone(),
-            driver: device.driver.clone(),
-            cores: std::thread::available_parallelism().map_or(0, usize::from),
-        },
+        measured: today(),
+        device: DeviceNote::of(gpu),
         scene: name.into(),
         camera: info.name.clone(),
         width: info.width,

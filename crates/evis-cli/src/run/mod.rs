@@ -9,7 +9,6 @@ use std::path::Path;
 use std::sync::Arc;
 use std::time::Instant;
 
-use anyhow::Context;
 use evis_core::Word;
 use evis_render::{
     DeviceSummary, Gpu, Method, PacketReport, RunRequest, SamplingRequest, Simulator, implausible,
@@ -151,9 +150,7 @@ pub(crate) fn run(args: &RunArgs) -> anyhow::Result<i32> {
     let report = finished.map_err(|error| job.give_up(error))?;
 
     if let Some(path) = &args.report {
-        let json = serde_json::to_string_pretty(&report)?;
-        evis_core::limits::write_whole(path, (json + "\n").as_bytes())
-            .with_context(|| format!("cannot write {}", path.display()))?;
+        text::write_json(path, &report)?;
     }
     if let Some(trace) = trace {
         trace.finish()?;

@@ -5,9 +5,8 @@
 
 use evis_core::Truth;
 use evis_core::metric::{ScoreSettings, score};
-use evis_decoupled::world::World;
 use evis_decoupled::{Settings, simulate};
-use evis_scene::{Camera, Lens, Light, LightKind, Scene, SceneState};
+use evis_scene::{Camera, Lens, Light, LightKind, PixelLens, Scene, SceneState};
 use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
 use evis_truth::{Lattice, TruthSettings};
 
@@ -26,14 +25,9 @@ pub fn exact(scene: &Scene, size: (u32, u32), t_us: f64) -> Vec<f64> {
     scene.evaluate(t_us * 1e-6, &mut state);
     let options = Options { filter: TextureFilter::BaseLevel, shadows: true, split_sum: SplitSum::Tabulated };
     let caster = RayCaster::new(scene, &state, &textures, options);
-    let lens = World::new(scene, 0, Some(size)).unwrap().lens;
     let pinhole = Pinhole {
         world_from_camera: scene.world_from_camera(0, &state).unwrap(),
-        focal: lens.focal,
-        center: lens.center,
-        width: size.0 as usize,
-        height: size.1 as usize,
-        near: lens.near,
+        lens: PixelLens::new(&scene.cameras[0], Some(size)),
     };
     let offsets = Lattice::Second.offsets(1);
     let pixel = |i: u32| {
@@ -52,31 +46,12 @@ pub fn off(found: &[f64], exact: &[f64]) -> f64 {
 
 /// A camera of the run's size and sensor.
 pub fn camera(node: usize, lens: Lens) -> Camera {
-    Camera {
-        name: "camera".into(),
-        node,
-        lens,
-        width: None,
-        height: None,
-        aspect: None,
-        near: 0.05,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
-    }
+    Camera { near: 0.05, ..Camera::new("camera", node, lens) }
 }
 
 /// A steady light without a range.
 pub fn light(kind: LightKind, casts_shadow: bool, intensity: f32) -> Light {
-    Light {
-        kind,
-        casts_shadow,
-        intensity,
-        color: [1.0, 0.9, 0.8],
-        name: String::new(),
-        range: None,
-        waveform: None,
-    }
+    Light { color: [1.0, 0.9, 0.8], casts_shadow, ..Light::new("", kind, intensity) }
 }
 
 /// F1 within 1 ms, scaled, of what `scene` makes an ideal sensor fire, against a truth of these settings; and how many events

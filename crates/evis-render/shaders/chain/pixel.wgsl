@@ -1,7 +1,7 @@
 #import chain/leak.wgsl
 #import chain/shape.wgsl
 // One pixel in one interval, in continuous time: crossings and noise in the order in which they happen. Times are
-// microseconds since the interval's start. Twin: chain.rs of evis_core's emulator.
+// microseconds since the interval's start. Twin: emulator/chain/ of evis_core.
 
 const CAUSE_SIGNAL: u32 = 0u;
 const CAUSE_LEAK: u32 = 1u;

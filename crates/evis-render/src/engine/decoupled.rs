@@ -8,7 +8,7 @@ use evis_core::event::take_causes;
 use evis_core::random::Key;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, SensorConfig, TimeGrid};
 use evis_decoupled::{Cost, Report, Stream, StreamSettings};
-use evis_scene::Scene;
+use evis_scene::{PixelLens, Scene};
 
 use crate::config::RunConfig;
 use crate::engine::{Arrived, Engine, milliseconds};
@@ -17,7 +17,7 @@ use crate::gpu::Gpu;
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::world::tiles::{TILE, tiles_along};
-use crate::world::view::{PixelLens, View, reseed};
+use crate::world::view::{View, reseed};
 
 /// Views of a scene whose events are found without rendering.
 pub struct Decoupled {

@@ -10,7 +10,8 @@ use crate::sensor::chain::GroupChain;
 use crate::sensor::group::{Slot, Unit};
 use crate::sensor::passes::{WalkPasses, share_passes};
 use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
-use crate::world::view::{PixelLens, View, reseed};
+use crate::world::view::{View, reseed};
+use evis_scene::PixelLens;
 
 use super::Engine;
 

@@ -11,7 +11,7 @@ use std::time::Duration;
 use evis_core::event::MOST_T_US;
 use evis_core::{CameraInfo, ConfigError, SensorConfig};
 use evis_decoupled::Cost;
-use evis_scene::{Camera, HostJump, HostPose, HostPoses, HostStep, Lens, Scene, SceneError};
+use evis_scene::{Camera, HostJump, HostPose, HostPoses, HostStep, Lens, PixelLens, Scene};
 
 use crate::config::{Method, RunConfig, checked};
 use crate::engine::Engine;
@@ -19,7 +19,7 @@ use crate::engine::decoupled::Decoupled;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::output::packet::Packet;
-use crate::world::view::{self, PixelLens};
+use crate::world::view;
 
 /// Packets that a stream renders ahead of its reader.
 const AHEAD: usize = 4;
@@ -184,7 +184,9 @@ impl Simulator {
     pub fn cameras_of(&self, environment: usize) -> Vec<CameraInfo> {
         let count = self.cameras.len();
         let own = self.lenses.iter().skip(environment.saturating_mul(count)).take(count);
-        own.zip(&self.cameras).map(|(lens, camera)| lens.info(&self.scene, &camera.name)).collect()
+        own.zip(&self.cameras)
+            .map(|(lens, camera)| view::camera_info(&self.scene, &camera.name, lens))
+            .collect()
     }
 
     /// Environments rendered side by side.
@@ -459,10 +461,8 @@ impl Simulator {
         }
         lens.check()?;
         let of_scene = &self.scene.cameras[self.scene.camera(name)?];
-        let own = PixelLens::new(&Camera { lens, ..of_scene.clone() }, &self.config);
-        if !own.is_usable() {
-            return Err(SceneError::Rule(format!("camera '{name}' has no usable lens: {own:?}")).into());
-        }
+        let own = PixelLens::new(&Camera { lens, ..of_scene.clone() }, self.config.size);
+        own.check(name)?;
         Ok((environment * self.cameras.len() + camera, own))
     }
 

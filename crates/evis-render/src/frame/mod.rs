@@ -7,7 +7,7 @@ pub mod upload;
 
 use std::ops::Range;
 
-use evis_scene::{LightFactors, LightKind, Scene, SceneState};
+use evis_scene::{LightFactors, LightKind, PixelLens, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
 use crate::frame::changes::{Change, Moment, StillWatch};
@@ -19,8 +19,9 @@ use crate::shadow::plan::{LightView, ShadowPlan};
 use crate::shadow::volume::Lamp;
 use crate::world::gpu_scene::{DrawItem, GpuScene, Object, push_item};
 use crate::world::image_bounds::Rect;
+use crate::world::raster_lens::RasterLens;
 use crate::world::transform::{columns, rigid, rows};
-use crate::world::view::{PixelLens, View};
+use crate::world::view::View;
 
 /// Host side of a submission: one frame per view and instant.
 #[derive(Default)]
@@ -409,7 +410,7 @@ fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, shared: &Shared)
         world_from_camera_right: axis(world_from_camera.x_axis, p.x),
         world_from_camera_up: axis(world_from_camera.y_axis, p.y),
         world_from_camera_back: axis(world_from_camera.z_axis, p.z),
-        ray: view.lens.ray().map(|v| v as f32),
+        ray: view.lens.ray_from_ndc().map(|v| v as f32),
         background: [r, g, b, environment.map_or(0.0, |e| e.intensity)],
         ambient: [ar, ag, ab, environment.map_or(0.0, |e| e.rotation)],
         shadow_layer_base: shared.shadow_layer_base,

@@ -13,6 +13,7 @@ use crate::pass::raster::{Pipelines, SceneConstants, SurfaceLayouts, WHOLE_PIXEL
 use crate::pass::{self, sky};
 use crate::raster::context::Context;
 use crate::world::gpu_scene::GpuScene;
+use crate::world::raster_lens::RasterLens;
 use crate::world::transform::{columns, rigid};
 use crate::world::view::View;
 

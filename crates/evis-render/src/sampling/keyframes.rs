@@ -17,7 +17,8 @@ use crate::raster::layers::{LayerUse, Layers};
 use crate::raster::luminance::encode_luminance;
 use crate::raster::shadows::MovingShadows;
 use crate::sampling::clipped::{CLIPPED_BYTES, CLIPPED_STRIDE, Clipping};
-use crate::world::view::{PixelLens, View};
+use crate::world::view::View;
+use evis_scene::PixelLens;
 
 /// Keyframes that are kept.
 pub const SLOTS: u32 = 2;

@@ -19,6 +19,7 @@ use crate::sampling::view_motion::{
 use crate::shadow::volume::{Lamp, extent};
 use crate::world::gpu_scene::GpuScene;
 use crate::world::image_bounds::{Area, Corners, bounds, corners, outline, seen};
+use crate::world::raster_lens::RasterLens;
 
 /// Cosine of the incidence below which a shadow is not taken to slide any farther: the light that it takes away there is as
 /// much less. On what is curved light comes in at every angle somewhere.

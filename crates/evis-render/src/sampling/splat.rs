@@ -2,7 +2,7 @@
 
 use evis_core::{Warp, WarpVariant};
 use evis_scene::SceneState;
-use glam::{DMat4, DVec4};
+use glam::DMat4;
 
 use crate::error::EngineError;
 use crate::gpu::buffer::GrowingBuffer;
@@ -22,8 +22,9 @@ use crate::sampling::clipped::{self, ClippedRun, Clipping};
 use crate::sampling::keyframes::{KeyframeFrames, KeyframeStore, SLOTS, canvas_lens, slot_of};
 use crate::sensor::group::{Group, Unit};
 use crate::sensor::targets::Targets;
+use crate::world::raster_lens::RasterLens;
 use crate::world::transform::rigid;
-use crate::world::view::{PixelLens, View};
+use crate::world::view::View;
 
 /// Sources that one invocation adds up where a processor stands in for a graphics card.
 const CPU_RUN: u32 = 8;
@@ -479,7 +480,7 @@ fn transforms(context: &Context, views: &[View], steps: &[Step]) -> Vec<[f32; 4]
     let size = views.len() * (objects.len() + 1) * ROWS;
     let mut rows = vec![[0.0; 4]; 2 * steps.len() * size];
     for (v, view) in views.iter().enumerate() {
-        let (to_pixels, from_pixels) = (pixels_from_clip(&view.lens), clip_from_pixels(&view.lens));
+        let (to_pixels, from_pixels) = (view.lens.pixels_from_clip(), view.lens.clip_from_pixels());
         let mut ends: Option<(i64, [Vec<Option<DMat4>>; 2])> = None;
         for (k, step) in steps.iter().enumerate().filter(|(_, s)| s.elapsed < 1.0) {
             let now = poses(view, step.t_us);
@@ -508,28 +509,6 @@ fn transforms(context: &Context, views: &[View], steps: &[Step]) -> Vec<[f32; 4]
         }
     }
     rows
-}
-
-/// (x, y, 1 / depth, 1) of a pixel to clip space over depth.
-fn clip_from_pixels(lens: &PixelLens) -> DMat4 {
-    let (w, h) = (f64::from(lens.width), f64::from(lens.height));
-    DMat4::from_cols(
-        DVec4::new(2.0 / w, 0.0, 0.0, 0.0),
-        DVec4::new(0.0, -2.0 / h, 0.0, 0.0),
-        DVec4::new(0.0, 0.0, lens.near, 0.0),
-        DVec4::new(-1.0, 1.0, 0.0, 1.0),
-    )
-}
-
-/// Clip space to (x·w, y·w, _, w), in pixels.
-fn pixels_from_clip(lens: &PixelLens) -> DMat4 {
-    let (w, h) = (f64::from(lens.width), f64::from(lens.height));
-    DMat4::from_cols(
-        DVec4::new(w / 2.0, 0.0, 0.0, 0.0),
-        DVec4::new(0.0, -h / 2.0, 0.0, 0.0),
-        DVec4::new(0.0, 0.0, 1.0, 0.0),
-        DVec4::new(w / 2.0, h / 2.0, 0.0, 1.0),
-    )
 }
 
 /// What to say where keyframes do not fit.

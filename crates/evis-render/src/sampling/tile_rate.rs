@@ -10,7 +10,7 @@
 
 use std::sync::Arc;
 
-use evis_scene::{LensModel, Scene};
+use evis_scene::{LensModel, PixelLens, Scene};
 use glam::{DMat4, DVec2, DVec3};
 
 use crate::gpu::uniforms::{LightRecord, ObjectRecord};
@@ -23,7 +23,6 @@ use crate::sampling::view_motion::{
 use crate::world::gpu_scene::GpuScene;
 use crate::world::image_bounds::{Area, Extent, MARGIN_PX, bounds, seen};
 use crate::world::tiles::{TILE, tile_range, tiles_along};
-use crate::world::view::PixelLens;
 
 /// The rate of a tile that does not change.
 pub const STILL: u8 = u8::MAX;

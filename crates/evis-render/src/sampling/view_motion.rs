@@ -13,7 +13,7 @@ use glam::{DMat4, DVec3};
 use crate::frame::{FrameData, Shared};
 use crate::sampling::clusters::{Hull, Pieces};
 use crate::world::gpu_scene::{GpuScene, Object};
-use crate::world::view::PixelLens;
+use evis_scene::PixelLens;
 
 /// Steps of a block at whose ends speeds are computed.
 const STEPS: usize = 8;

@@ -1,14 +1,13 @@
 //! Which lights throw shadows, and the matrices that fit their maps to the world, not to the view, so that a shadow's edge
 //! moves only with its light and its caster.
 
-use evis_scene::{LightKind, Scene, SceneState};
+use evis_scene::{LightKind, PixelLens, Scene, SceneState};
 use glam::{DMat4, DVec3, DVec4};
 
 use crate::config::RunConfig;
 use crate::world::gpu_scene::{Object, moves, place};
 use crate::world::image_bounds::{Corners, Rect, corners};
 use crate::world::transform::rigid;
-use crate::world::view::PixelLens;
 
 /// Bytes that maps of what stands still may take, of all environments together; beyond, they are drawn again and again.
 const STILL_BYTES: u64 = 1 << 30;
@@ -214,7 +213,7 @@ impl LightView {
 /// them must be drawn at every instant.
 fn usual_edge(scene: &Scene, config: &RunConfig, lights: usize, light_moves: bool) -> u32 {
     let longest = |camera| {
-        let lens = PixelLens::new(camera, config);
+        let lens = PixelLens::new(camera, config.size);
         lens.width.max(lens.height)
     };
     let longest = scene.cameras.iter().map(longest).max().unwrap_or(1);

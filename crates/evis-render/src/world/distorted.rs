@@ -7,11 +7,9 @@
 
 use std::ops::Range;
 
-use evis_scene::{CalibratedLens, LensModel, SceneError};
+use evis_scene::{CalibratedLens, LensModel, PixelLens, SceneError};
 use glam::{DMat2, DVec2, Vec2};
 use rayon::prelude::*;
-
-use crate::world::pixel_lens::PixelLens;
 
 /// The widest field of view that one pinhole picture serves, in degrees: beyond it the picture grows without bound.
 const WIDEST_DEGREES: f64 = 150.0;

@@ -1,9 +1,7 @@
 //! Parts of a picture: whole pixels, and where on the image plane things lie.
 
-use evis_scene::LensModel;
+use evis_scene::{LensModel, PixelLens};
 use glam::{DMat4, DVec3};
-
-use crate::world::view::PixelLens;
 
 /// Pixels around what moves that it may change: samples reach half a pixel out, the rest is rounding's.
 pub const MARGIN_PX: f64 = 2.0;

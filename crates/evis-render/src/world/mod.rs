@@ -3,7 +3,7 @@
 pub mod distorted;
 pub mod gpu_scene;
 pub mod image_bounds;
-pub mod pixel_lens;
+pub mod raster_lens;
 pub mod tiles;
 pub mod transform;
 pub mod view;

@@ -3,13 +3,12 @@
 use std::sync::Arc;
 
 use evis_core::random::Key;
-use evis_core::{CameraInfo, ConfigError, SensorConfig};
-use evis_scene::Scene;
+use evis_core::{CameraInfo, ConfigError, LensDistortion, SensorConfig};
+use evis_scene::{PixelLens, Scene};
 
 use crate::config::{self, Method, RunConfig};
 use crate::error::EngineError;
 use crate::world::distorted::Distorted;
-pub use crate::world::pixel_lens::PixelLens;
 
 /// One camera of one environment.
 #[derive(Clone, Debug)]
@@ -81,7 +80,7 @@ pub fn views(scene: &Scene, config: &RunConfig) -> Result<(Vec<View>, Vec<Camera
         for (slot, &index) in chosen.iter().enumerate() {
             let own = own_lens(scene, environment, index, config)?;
             if environment == 0 {
-                infos.push(own.info(scene, &scene.cameras[index].name));
+                infos.push(camera_info(scene, &scene.cameras[index].name, &own));
             }
             // Where a distorted lens is that of an environment before, what was prepared for it serves again.
             let twin = |view: &&View| view.camera == slot && view.distorted.is_some() && view.own_lens == own;
@@ -115,21 +114,25 @@ pub fn own_lens(
     index: usize,
     config: &RunConfig,
 ) -> Result<PixelLens, EngineError> {
-    let camera = scene.camera_in(scene.variants.get(environment), index, f64::INFINITY);
-    let Some(camera) = camera else {
-        return Err(evis_scene::SceneError::Rule(format!("there is no camera {index}")).into());
-    };
-    let lens = PixelLens::new(&camera, config);
-    if !lens.is_usable() {
-        let text = format!("camera '{}' has no usable lens: {lens:?}", camera.name);
-        return Err(evis_scene::SceneError::Rule(text).into());
+    let variant = scene.variants.get(environment);
+    Ok(scene.pixel_lens(variant, index, config.size, f64::INFINITY)?)
+}
+
+/// What a recording says of the camera `name` of `scene`, which has this lens.
+pub fn camera_info(scene: &Scene, name: &str, lens: &PixelLens) -> CameraInfo {
+    CameraInfo {
+        name: name.to_owned(),
+        width: lens.width,
+        height: lens.height,
+        fx: lens.focal[0],
+        fy: lens.focal[1],
+        cx: lens.center[0],
+        cy: lens.center[1],
+        distortion: scene.distortions.get(name).map(|distortion| LensDistortion {
+            model: distortion.name().to_owned(),
+            coefficients: distortion.coefficients(),
+        }),
     }
-    for (what, value) in [("width", lens.width), ("height", lens.height)] {
-        if !(1..=8192).contains(&value) {
-            return Err(evis_core::ConfigError::new(what, value, "between 1 and 8192 pixels").into());
-        }
-    }
-    Ok(lens)
 }
 
 /// What is random in camera `camera` (of the scene) of `environment` follows from this, in a run with `seed`.

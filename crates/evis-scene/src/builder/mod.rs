@@ -129,18 +129,18 @@ impl Material {
 impl Light {
     /// Parallel light, white, without shadows.
     pub fn directional(name: impl Into<String>, lux: f32) -> Self {
-        Self::of_kind(name.into(), LightKind::Directional, lux)
+        Self::new(name, LightKind::Directional, lux)
     }
 
     /// Light from a point, white.
     pub fn point(name: impl Into<String>, candela: f32) -> Self {
-        Self::of_kind(name.into(), LightKind::Point, candela)
+        Self::new(name, LightKind::Point, candela)
     }
 
     /// A cone of light, white, without shadows; half angles in degrees.
     pub fn spot(name: impl Into<String>, candela: f32, inner_degrees: f32, outer_degrees: f32) -> Self {
         let kind = LightKind::Spot { inner: inner_degrees.to_radians(), outer: outer_degrees.to_radians() };
-        Self::of_kind(name.into(), kind, candela)
+        Self::new(name, kind, candela)
     }
 
     /// With this linear colour.
@@ -156,10 +156,6 @@ impl Light {
     /// Changing with `waveform`.
     pub fn flickering(self, waveform: Waveform) -> Self {
         Self { waveform: Some(waveform), ..self }
-    }
-
-    fn of_kind(name: String, kind: LightKind, intensity: f32) -> Self {
-        Self { name, kind, color: [1.0; 3], intensity, range: None, casts_shadow: false, waveform: None }
     }
 }
 
@@ -704,16 +700,13 @@ impl SceneBuilder {
             self.scene.distortions.insert(camera.name.clone(), distortion);
         }
         self.scene.cameras.push(Camera {
-            name: camera.name,
-            node,
-            lens: camera.lens,
             width: camera.size.map(|s| s[0]),
             height: camera.size.map(|s| s[1]),
-            aspect: None,
             near: camera.near,
             threshold_on: camera.thresholds[0],
             threshold_off: camera.thresholds[1],
             sensor: camera.sensor,
+            ..Camera::new(camera.name, node, camera.lens)
         });
         Ok(node)
     }

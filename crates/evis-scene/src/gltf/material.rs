@@ -157,7 +157,7 @@ impl Reader<'_> {
 
     fn sampled(&self, source: &json::Texture, image: usize, user: &str) -> Result<Texture, String> {
         let Some(sampler) = source.sampler else {
-            return Ok(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+            return Ok(Texture::new(image));
         };
         let sampler = element(&self.document.root.samplers, "sampler", sampler.value(), user)?;
         let wrap = |mode| match mode {

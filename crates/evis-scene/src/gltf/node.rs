@@ -238,13 +238,10 @@ fn read_lights(document: &Document, scene: &mut Scene) -> Result<(), String> {
             }
         };
         scene.lights.push(Light {
-            name: source.name.clone().unwrap_or_default(),
-            kind,
             color: source.color,
-            intensity: source.intensity,
             range: source.range,
             casts_shadow: kind != LightKind::Point,
-            waveform: None,
+            ..Light::new(source.name.clone().unwrap_or_default(), kind, source.intensity)
         });
     }
     Ok(())
@@ -272,16 +269,9 @@ fn read_camera(document: &Document, index: usize, node: usize, scene: &mut Scene
     let node_name = document.root.nodes.get(node).and_then(|n| n.name.as_ref());
     let name = source.name.as_ref().or(node_name).cloned().unwrap_or_else(|| "camera".into());
     scene.cameras.push(Camera {
-        name,
-        node: scene.nodes.len(),
-        lens: Lens::FieldOfView { fov_y },
-        width: None,
-        height: None,
         aspect: aspect.filter(|a| a.is_finite() && *a > 0.0),
         near,
-        threshold_on: None,
-        threshold_off: None,
-        sensor: None,
+        ..Camera::new(name, scene.nodes.len(), Lens::FieldOfView { fov_y })
     });
     Ok(())
 }

@@ -70,7 +70,7 @@ impl<'c, 's> Beam<'c, 's> {
         });
         let forward = camera.pinhole().world_from_camera.transform_vector3(DVec3::NEG_Z);
         let depth = HalfSpace::through(origin, forward);
-        let near = camera.pinhole().near;
+        let near = camera.pinhole().lens.near;
         let ends = corners.map(|c| c.origin + c.direction);
         let judge = |candidate: &Candidate| {
             if beside(candidate, &|edge| (edge[0] - origin).cross(edge[1] - origin), &ends, 0.0) {
@@ -103,7 +103,7 @@ impl<'c, 's> Beam<'c, 's> {
             most = most.max(apart(here, camera.project_direction(ray.direction)?));
         }
         let front = HalfSpace::through(
-            self.corners[0].origin + self.camera.pinhole().near * self.forward(),
+            self.corners[0].origin + self.camera.pinhole().lens.near * self.forward(),
             self.forward(),
         );
         for candidate in self.seen.as_ref()? {

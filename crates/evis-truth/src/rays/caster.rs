@@ -1,6 +1,6 @@
 //! A scene at one instant, seen ray by ray.
 
-use evis_scene::{AlphaMode, Material, MaterialFactors, Primitive, Scene, SceneState, TextureRef};
+use evis_scene::{AlphaMode, Material, MaterialFactors, PixelLens, Primitive, Scene, SceneState, TextureRef};
 use glam::{DVec2, DVec3, DVec4};
 use rayon::prelude::*;
 
@@ -255,8 +255,8 @@ impl<'a> RayCaster<'a> {
     /// near plane, with nothing before it.
     pub fn sees(&self, camera: &dyn Projection, triangle: usize, target: DVec3) -> bool {
         let Some([x, y]) = camera.project(target) else { return false };
-        let picture = camera.pinhole();
-        if !(0.0..picture.width as f64).contains(&x) || !(0.0..picture.height as f64).contains(&y) {
+        let PixelLens { width, height, .. } = camera.pinhole().lens;
+        if !(0.0..width.into()).contains(&x) || !(0.0..height.into()).contains(&y) {
             return false;
         }
         let ray = camera.ray([x, y]);
@@ -298,9 +298,9 @@ impl<'a> RayCaster<'a> {
     }
 
     fn for_pixels<T: Send>(&self, camera: &dyn Projection, f: impl Fn([f64; 2]) -> T + Sync) -> Vec<T> {
-        let picture = camera.pinhole();
-        let width = picture.width.max(1);
-        (0..picture.width * picture.height)
+        let lens = camera.pinhole().lens;
+        let (width, height) = (lens.width as usize, lens.height as usize);
+        (0..width * height)
             .into_par_iter()
             .map(|i| f([(i % width) as f64 + 0.5, (i / width) as f64 + 0.5]))
             .collect()
@@ -309,9 +309,9 @@ impl<'a> RayCaster<'a> {
     fn visible(&self, camera: &dyn Projection, ray: &Ray, list: Option<&dyn Shortlist>) -> Option<Hit> {
         let mut accept = |hit: &Hit| self.accepts(hit, ray);
         match list {
-            Some(list) => list.nearest(ray, camera.pinhole().near, &mut accept),
+            Some(list) => list.nearest(ray, camera.pinhole().lens.near, &mut accept),
             None => {
-                let near = camera.pinhole().near;
+                let near = camera.pinhole().lens.near;
                 self.geometry.nearest(ray.origin, ray.direction, near, f64::INFINITY, accept)
             }
         }

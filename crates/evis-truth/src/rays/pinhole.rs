@@ -1,6 +1,6 @@
 //! Cameras at one instant: a pinhole, and one whose lens is distorted.
 
-use evis_scene::{CalibratedLens, LensModel, PinholeLens};
+use evis_scene::{CalibratedLens, LensModel, PixelLens};
 use glam::{DMat4, DVec2, DVec3};
 
 /// Points along each side of a rectangle of the picture at which a distorted lens is asked for its rays.
@@ -40,16 +40,8 @@ pub trait Projection: Sync {
 pub struct Pinhole {
     /// Rigid pose.
     pub world_from_camera: DMat4,
-    /// Focal lengths in pixels.
-    pub focal: [f64; 2],
-    /// Principal point in pixels from the top left corner.
-    pub center: [f64; 2],
-    /// Columns.
-    pub width: usize,
-    /// Rows.
-    pub height: usize,
-    /// Planar distance, in metres, below which nothing is seen.
-    pub near: f64,
+    /// Its lens and picture.
+    pub lens: PixelLens,
 }
 
 /// A ray through a pixel. `direction` has planar depth 1, so a parameter along it is planar depth.
@@ -64,14 +56,9 @@ pub struct Ray {
 }
 
 impl Pinhole {
-    /// Its lens.
-    pub const fn lens(&self) -> PinholeLens {
-        PinholeLens { focal: self.focal, center: self.center }
-    }
-
     /// The ray through image point `pixel`.
     pub fn ray(&self, pixel: [f64; 2]) -> Ray {
-        self.ray_through(&self.lens(), pixel)
+        self.ray_through(&self.lens.pinhole(), pixel)
     }
 
     /// The ray through image point `pixel` of `lens`, from this camera's place.
@@ -107,7 +94,7 @@ impl Projection for Pinhole {
     }
 
     fn project_camera(&self, point: DVec3) -> Option<[f64; 2]> {
-        self.lens().project(point).map(Into::into)
+        self.lens.pinhole().project(point).map(Into::into)
     }
 
     fn corners(&self, [x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Option<[Ray; 4]> {

@@ -24,7 +24,8 @@ use crate::sensor::passes::{Blocks, TriggerPasses};
 use crate::sensor::targets::Targets;
 use crate::sensor::trigger::{encode_trigger, trigger_steps};
 use crate::sensor::unpack;
-use crate::world::view::{PixelLens, View};
+use crate::world::view::View;
+use evis_scene::PixelLens;
 
 const WIDTH: u32 = 83;
 const HEIGHT: u32 = 17;

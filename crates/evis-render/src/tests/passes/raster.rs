@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use evis_core::{LabelData, LabelFrame, LabelKind};
-use evis_scene::{Lens, Scene, SceneState};
+use evis_scene::{Lens, PixelLens, Scene, SceneState};
 use glam::DVec3;
 
 use crate::config::{Antialias, RunConfig, Shadows};
@@ -81,11 +81,7 @@ fn pinhole(scene: &Scene, state: &SceneState) -> Pinhole {
     };
     Pinhole {
         world_from_camera: scene.world_from_camera(0, state).unwrap(),
-        focal,
-        center,
-        width: WIDTH as usize,
-        height: HEIGHT as usize,
-        near: camera.near,
+        lens: PixelLens { focal, center, width: WIDTH, height: HEIGHT, near: camera.near },
     }
 }
 

@@ -7,7 +7,7 @@ use std::sync::atomic::Ordering;
 use evis_core::metric::{ScoreSettings, score};
 use evis_core::sensor::{Refractory, RefractoryRule};
 use evis_core::{Cause, Event, LabelKind, SensorConfig};
-use evis_scene::{Scene, Variant};
+use evis_scene::{Light, Scene, Variant};
 use evis_truth::{PixelChoice, TruthSettings};
 
 use crate::config::{Method, Quality, RunConfig};
@@ -362,10 +362,10 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
     let by_hand = SamplingRequest { samples: Some(64), ..by_hand };
     let (method, step_px, _) = apply(Some(&gpu), &desk, by_hand, base()).unwrap();
     assert_eq!((method, step_px), (Method::Native, Some(0.7)));
-    let mut blocky = (*desk).clone();
-    blocky.textures.iter_mut().for_each(|texture| texture.nearest = true);
-    let (method, _, notes) = apply(Some(&gpu), &blocky, quality(Quality::High), base()).unwrap();
-    assert!(method == Method::Native && notes.contains("interpolation"), "{notes}");
+    let mut crowded = (*desk).clone();
+    crowded.lights = vec![Light { casts_shadow: true, ..desk.lights[0].clone() }; 9];
+    let (method, _, notes) = apply(Some(&gpu), &crowded, quality(Quality::High), base()).unwrap();
+    assert!(method == Method::Native && notes.contains("9 lights"), "{notes}");
     let v2e = RunConfig { sensor: SensorConfig::preset("v2e").unwrap(), ..base() };
     let (method, _, notes) = apply(Some(&gpu), &desk, quality(Quality::High), v2e.clone()).unwrap();
     assert!(method == Method::Decoupled && notes.contains("4000 frames"), "{notes}");
@@ -386,7 +386,7 @@ fn presets_take_it_where_it_knows_the_scene_and_say_where_not() {
         by_name().apply(Some(&gpu), scene, &mut config).unwrap();
         Simulator::new(&gpu, Arc::new(scene.clone()), config).err().unwrap().to_string()
     };
-    assert!(refused(&blocky, base()).contains("interpolation"));
+    assert!(refused(&crowded, base()).contains("9 lights"));
     let told = |request: SamplingRequest| apply(Some(&gpu), &desk, request, base()).unwrap_err().to_string();
     assert!(told(SamplingRequest { rate_hz: Some(100.0), ..by_name() }).contains("rate_hz is 100"));
     let step = SamplingRequest { adaptive_px: Some(0.01), ..by_name() };

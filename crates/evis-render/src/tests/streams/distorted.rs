@@ -7,7 +7,9 @@ use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
 use evis_scene::procedural::{Pattern, Procedural};
-use evis_scene::{Camera, Distortion, Lens, LensModel, Material, Rig, Scene, SceneState, Trs, rigid};
+use evis_scene::{
+    Camera, Distortion, Lens, LensModel, Material, PixelLens, Rig, Scene, SceneState, Trs, rigid,
+};
 use glam::{DVec2, DVec3};
 
 use evis_core::metric::{ScoreSettings, score};
@@ -126,16 +128,8 @@ fn labels_of_a_distorted_camera_are_those_of_its_own_pixels() {
             let mut state = SceneState::default();
             scene.evaluate(t_s, &mut state);
             let world_from_camera = rigid(&state.world_from_node[scene.cameras[0].node]);
-            let Lens::Intrinsics { fx, fy, cx, cy } = scene.cameras[0].lens else { panic!() };
-            let pinhole = Pinhole {
-                world_from_camera: world_from_camera.unwrap(),
-                focal: [fx, fy],
-                center: [cx, cy],
-                width: SIZE.0 as usize,
-                height: SIZE.1 as usize,
-                near: scene.cameras[0].near,
-            };
-            (state, pinhole)
+            let lens = PixelLens::new(&scene.cameras[0], Some(SIZE));
+            (state, Pinhole { world_from_camera: world_from_camera.unwrap(), lens })
         };
         let options = Options::default();
         let ((now, pinhole), (then, later)) = (at(0.0), at(0.01));

@@ -6,7 +6,7 @@ use evis_core::{Event, LabelKind};
 use evis_scene::builder::{EventCamera, Placement, SceneBuilder};
 use evis_scene::primitive::Shape;
 use evis_scene::{
-    HostJump, HostNames, HostPose, HostStep, Lens, Light, LightChange, LightKind, Material, Scene, Variant,
+    HostJump, HostNames, HostPose, HostStep, Lens, Light, LightChange, Material, Scene, Variant,
 };
 
 use crate::config::{Method, RunConfig, Shadows};
@@ -85,16 +85,7 @@ fn lit(environments: usize) -> Scene {
     let dark = Material { base_color: [0.2, 0.2, 0.2, 1.0], ..Material::diffuse("dark") };
     let dark = s.material(dark).unwrap();
     s.shape("ball", Shape::Sphere { radius: 0.2 }, dark, Placement::at([0.0, 0.0, -1.5])).unwrap();
-    let lamp = Light {
-        name: "lamp".into(),
-        kind: LightKind::Directional,
-        color: [1.0; 3],
-        intensity: 1.0,
-        range: None,
-        casts_shadow: false,
-        waveform: None,
-    };
-    s.light(lamp, Placement::at([0.0; 3])).unwrap();
+    s.light(Light::directional("lamp", 1.0), Placement::at([0.0; 3])).unwrap();
     s.camera(EventCamera::new("eye").size(12, 8).fov_y_degrees(60.0), Placement::at([0.0; 3])).unwrap();
     for _ in 0..environments {
         s.variant(Variant::default()).unwrap();

@@ -17,6 +17,7 @@ use crate::sampling::view_motion::ViewMotion;
 use crate::shadow::volume::Lamp;
 use crate::world::gpu_scene::Object;
 use crate::world::image_bounds::bounds;
+use crate::world::raster_lens::RasterLens;
 use crate::world::tiles::{TILE, tiles_along};
 use crate::world::view;
 
@@ -188,7 +189,7 @@ impl Trial {
         Self {
             worlds: (0..=INSTANTS).map(world).collect(),
             lamp: passing.shared[0].lamps[0],
-            ray: views[0].lens.ray(),
+            ray: views[0].lens.ray_from_ndc(),
             moving: objects.iter().map(|o| o.moving).collect(),
             needs,
         }

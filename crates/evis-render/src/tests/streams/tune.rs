@@ -6,7 +6,7 @@ use std::sync::Arc;
 use evis_core::metric::{self, ScoreSettings};
 use evis_core::truth::Truth;
 use evis_core::{Event, SensorConfig};
-use evis_scene::Scene;
+use evis_scene::{Light, Scene};
 
 use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
 use crate::engine::simulator::Simulator;
@@ -224,8 +224,8 @@ fn decoupled_sampling_is_tried_where_it_knows_the_scene() {
     // Tiles are what events are taken from, whole ones and no others: as good as in the whole picture.
     let of = |what: &str| found.tried.iter().find(|t| t.what.starts_with(what)).unwrap().agreement.unwrap();
     assert!(of("decoupled, 0.5 px").f1_1ms > 0.97, "{:?}", found.tried);
-    let mut blocky = (*spinner).clone();
-    blocky.textures.iter_mut().for_each(|texture| texture.nearest = true);
-    let all = words(&tuned(&gpu, &Arc::new(blocky), &small, goal));
+    let mut crowded = (*spinner).clone();
+    crowded.lights = vec![Light { casts_shadow: true, ..Light::directional("sun", 0.0) }; 9];
+    let all = words(&tuned(&gpu, &Arc::new(crowded), &small, goal));
     assert!(all.len() > 2 && !all.iter().any(|what| what.starts_with("decoupled")), "{all:?}");
 }

@@ -1,47 +1,35 @@
-//! A pinhole lens in pixels: of what is rendered.
+//! What rendering needs of a lens: clip space, culling, motion in the picture.
 
-use evis_core::{CameraInfo, LensDistortion};
-use evis_scene::{Camera, LensModel, PinholeLens, Scene};
+use evis_scene::{LensModel, PixelLens};
 use glam::{DMat4, DVec2, DVec3, DVec4};
 
-use crate::config::RunConfig;
+/// A lens as the rasteriser uses it.
+pub trait RasterLens {
+    /// Reverse z, infinite far plane: z_ndc = near / distance.
+    fn clip_from_camera(&self) -> DMat4;
 
-/// Pinhole intrinsics in pixels, for a given image size.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct PixelLens {
-    /// Pixels per row.
-    pub width: u32,
-    /// Rows.
-    pub height: u32,
-    /// Focal lengths.
-    pub focal: [f64; 2],
-    /// Principal point, pixel centres at +0.5.
-    pub center: [f64; 2],
-    /// Near plane in metres.
-    pub near: f64,
+    /// (x, y, 1 / depth, 1) of a pixel to clip space over depth.
+    fn clip_from_pixels(&self) -> DMat4;
+
+    /// Clip space to (x·w, y·w, _, w), in pixels.
+    fn pixels_from_clip(&self) -> DMat4;
+
+    /// Camera-space direction (x, y, -1) = ndc * (x, y) + (z, w).
+    fn ray_from_ndc(&self) -> [f64; 4];
+
+    /// Whether a sphere in camera space may touch the image. A pixel's margin covers sample offsets and rounding.
+    fn may_see(&self, center: DVec3, radius: f64) -> bool;
+
+    /// How the picture of `point` moves, in pixels per metre, when it goes along `way`, both in camera space. What is nearer
+    /// than half of the near plane, or behind the camera, moves as it would there.
+    fn image_motion(&self, point: DVec3, way: DVec3) -> DVec2;
+
+    /// `point`, at half of the near plane where it is nearer or behind the camera.
+    fn before_camera(&self, point: DVec3) -> DVec3;
 }
 
-impl PixelLens {
-    /// Intrinsics of `camera` at the size that `config`, the camera or the defaults say.
-    pub fn new(camera: &Camera, config: &RunConfig) -> Self {
-        let (width, height) = camera.pixels(config.size);
-        let (focal, center) = camera.intrinsics((width, height));
-        Self { width, height, focal, center, near: camera.near }
-    }
-
-    /// How it projects.
-    pub const fn pinhole(&self) -> PinholeLens {
-        PinholeLens { focal: self.focal, center: self.center }
-    }
-
-    /// Whether something can be seen through it.
-    pub fn is_usable(&self) -> bool {
-        self.focal.iter().chain(&self.center).chain([&self.near]).all(|v| v.is_finite())
-            && self.focal.iter().chain([&self.near]).all(|&v| v > 0.0)
-    }
-
-    /// Reverse z, infinite far plane: z_ndc = near / distance.
-    pub fn clip_from_camera(&self) -> DMat4 {
+impl RasterLens for PixelLens {
+    fn clip_from_camera(&self) -> DMat4 {
         let (w, h) = (f64::from(self.width), f64::from(self.height));
         let [fx, fy] = self.focal;
         let [cx, cy] = self.center;
@@ -53,8 +41,27 @@ impl PixelLens {
         )
     }
 
-    /// Camera-space direction (x, y, -1) = ndc * (x, y) + (z, w).
-    pub fn ray(&self) -> [f64; 4] {
+    fn clip_from_pixels(&self) -> DMat4 {
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        DMat4::from_cols(
+            DVec4::new(2.0 / w, 0.0, 0.0, 0.0),
+            DVec4::new(0.0, -2.0 / h, 0.0, 0.0),
+            DVec4::new(0.0, 0.0, self.near, 0.0),
+            DVec4::new(-1.0, 1.0, 0.0, 1.0),
+        )
+    }
+
+    fn pixels_from_clip(&self) -> DMat4 {
+        let (w, h) = (f64::from(self.width), f64::from(self.height));
+        DMat4::from_cols(
+            DVec4::new(w / 2.0, 0.0, 0.0, 0.0),
+            DVec4::new(0.0, -h / 2.0, 0.0, 0.0),
+            DVec4::new(0.0, 0.0, 1.0, 0.0),
+            DVec4::new(w / 2.0, h / 2.0, 0.0, 1.0),
+        )
+    }
+
+    fn ray_from_ndc(&self) -> [f64; 4] {
         let (w, h) = (f64::from(self.width), f64::from(self.height));
         let scale = [w / (2.0 * self.focal[0]), h / (2.0 * self.focal[1])];
         [
@@ -65,8 +72,7 @@ impl PixelLens {
         ]
     }
 
-    /// Whether a sphere in camera space may touch the image. A pixel's margin covers sample offsets and rounding.
-    pub fn may_see(&self, center: DVec3, radius: f64) -> bool {
+    fn may_see(&self, center: DVec3, radius: f64) -> bool {
         let [cx, cy] = self.center;
         let (w, h) = (f64::from(self.width), f64::from(self.height));
         let depth = -center.z;
@@ -82,34 +88,14 @@ impl PixelLens {
         !(depth + radius < self.near || sides.into_iter().any(outside))
     }
 
-    /// How the picture of `point` moves, in pixels per metre, when it goes along `way`, both in camera space. What is nearer
-    /// than half of the near plane, or behind the camera, moves as it would there.
-    pub fn image_motion(&self, point: DVec3, way: DVec3) -> DVec2 {
+    fn image_motion(&self, point: DVec3, way: DVec3) -> DVec2 {
         let before = self.before_camera(point);
         let Some((_, [x, y, z])) = self.pinhole().project_with_jacobian(before) else { return DVec2::NAN };
         x * way.x + y * way.y + z * way.z
     }
 
-    /// `point`, at half of the near plane where it is nearer or behind the camera.
-    pub fn before_camera(&self, point: DVec3) -> DVec3 {
+    fn before_camera(&self, point: DVec3) -> DVec3 {
         point.with_z(point.z.min(-0.5 * self.near))
-    }
-
-    /// What a recording says of the camera `name` of `scene`, which has this lens.
-    pub fn info(&self, scene: &Scene, name: &str) -> CameraInfo {
-        CameraInfo {
-            name: name.to_owned(),
-            width: self.width,
-            height: self.height,
-            fx: self.focal[0],
-            fy: self.focal[1],
-            cx: self.center[0],
-            cy: self.center[1],
-            distortion: scene.distortions.get(name).map(|distortion| LensDistortion {
-                model: distortion.name().to_owned(),
-                coefficients: distortion.coefficients(),
-            }),
-        }
     }
 }
 
@@ -180,7 +166,7 @@ mod tests {
     #[test]
     fn rays_go_through_their_pixels() {
         let lens = lens();
-        let [sx, sy, ox, oy] = lens.ray();
+        let [sx, sy, ox, oy] = lens.ray_from_ndc();
         let point = DVec3::new(0.4, 0.1, -1.0);
         let clip = lens.clip_from_camera() * point.extend(1.0);
         let ndc = clip / clip.w;
