@@ -104,7 +104,7 @@ fn rough(scene: &SceneChart) -> Option<String> {
     let events = scene.truth.events;
     (events < ENOUGH_EVENTS).then(|| {
         format!(
-            "{}: {events} events of truth decide, so figures are rough; a longer --duration, another --start or more \
+            "{}: figures are rough: truth has few events ({events}); a longer --duration, another --start or more \
              --truth-pixels gives more",
             scene.scene
         )
