@@ -96,7 +96,7 @@ def test_what_cannot_be_measured_is_told(spinner: evis.Scene):
         evis.chart(spinner, **{**TINY, "camera": "nobody"})
     with pytest.raises(evis.ConfigError, match="rates is 0"):
         evis.chart(spinner, **{**TINY, "rates_hz": [0]})
-    with pytest.raises(evis.ConfigError, match="no events"):
+    with pytest.raises(evis.ConfigError, match="fires within"):
         evis.chart(spinner, **{**TINY, "sensor": evis.Sensor(threshold_on=50.0, threshold_off=50.0)})
     with pytest.raises(evis.ConfigError, match="at least one"):
         evis.measure.Chart.of([])
