@@ -103,10 +103,10 @@ fn what_cannot_be_charted_is_told() {
     };
     let lost = told(&ChartSettings { camera: Some("nobody".into()), ..tiny() });
     assert!(lost.contains("nobody"), "{lost}");
-    // Thresholds that nothing crosses: truth without events scores nothing.
+    // Thresholds that nothing crosses: nothing is simulated against a truth without events.
     let mut silent = ChartSettings { floor: false, ..tiny() };
     silent.sensor.threshold_on = 50.0;
     silent.sensor.threshold_off = 50.0;
     let lost = told(&silent);
-    assert!(lost.contains("no events"), "{lost}");
+    assert!(lost.contains("none of the 120 pixels that truth was made for fires"), "{lost}");
 }
