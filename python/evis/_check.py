@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import is_dataclass
+from difflib import get_close_matches
 from functools import cache
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
@@ -31,6 +32,12 @@ def shown(value: object) -> str:
 def one_of(names: Iterable[str]) -> str:
     """Return the names as errors list them."""
     return " or ".join(f"'{name}'" for name in names)
+
+
+def did_you_mean(value: str, names: Iterable[str]) -> str:
+    """Return what errors add where one of the names is near: " (did you mean 'x'?)", else nothing."""
+    near = get_close_matches(value, list(names), 1)
+    return f" (did you mean {near[0]!r}?)" if near else ""
 
 
 def whole(what: str, value: Any, least: int = 0, most: int = _MOST_U32, unit: str = "") -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
@@ -236,8 +235,7 @@ def _index(names: Sequence[str], name: str, argument: str) -> int:
     if name not in names:
         own, does = (argument, "changes") if argument in {"materials", "lights"} else ("poses", "moves")
         known = ", ".join(repr(n) for n in names) or f"none: name them as {own}=[...] of the Simulator"
-        near = get_close_matches(str(name), names, 1)
-        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        hint = _check.did_you_mean(str(name), names)
         raise ConfigError(
             f"{argument} name{'' if argument == 'poses' else 's'} {name!r}, which no host {does}; "
             f"there is {known}{hint}"

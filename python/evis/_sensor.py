@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import json
 import warnings
 from collections.abc import Mapping, Sequence
@@ -486,11 +485,9 @@ def sensor_of(sensor: Any, what: str = "sensor") -> Sensor:
             return Sensor.from_toml(Path(sensor))
         presets = Sensor.presets()
         if sensor not in presets:
-            near = difflib.get_close_matches(sensor, presets, n=1)
-            hint = f" (did you mean {near[0]!r}?)" if near else ""
             raise ConfigError(
                 f"{what} is {_check.shown(sensor)}; it must be {_check.one_of(presets)}, or the path of a "
-                f"TOML file{hint}"
+                f"TOML file{_check.did_you_mean(sensor, presets)}"
             )
         return Sensor.preset(sensor)
     if not isinstance(sensor, Sensor):

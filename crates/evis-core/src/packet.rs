@@ -31,19 +31,23 @@ pub struct CameraInfo {
 }
 
 impl CameraInfo {
+    /// A camera of `size` pixels whose lens has this focal length and principal point in pixels, and distorts as a model, by name,
+    /// does with these coefficients.
+    pub fn new(
+        name: impl Into<String>,
+        (width, height): (u32, u32),
+        [fx, fy]: [f64; 2],
+        [cx, cy]: [f64; 2],
+        distortion: Option<(&str, Vec<f64>)>,
+    ) -> Self {
+        let distortion =
+            distortion.map(|(model, coefficients)| LensDistortion { model: model.to_owned(), coefficients });
+        Self { name: name.into(), width, height, fx, fy, cx, cy, distortion }
+    }
+
     /// A camera whose lens is not known: focal lengths and principal point are NaN.
     pub fn uncalibrated(name: impl Into<String>, (width, height): (u32, u32)) -> Self {
-        let unknown = f64::NAN;
-        Self {
-            name: name.into(),
-            width,
-            height,
-            fx: unknown,
-            fy: unknown,
-            cx: unknown,
-            cy: unknown,
-            distortion: None,
-        }
+        Self::new(name, (width, height), [f64::NAN; 2], [f64::NAN; 2], None)
     }
 }
 

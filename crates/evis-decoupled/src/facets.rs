@@ -25,16 +25,17 @@ impl Facet {
     /// Its corners' (s, t).
     pub fn outline(&self, primitive: &Primitive) -> [[f64; 2]; CORNERS] {
         let [a, b, c, d] = self.corners.map(|c| wide(primitive.positions[c as usize]));
-        let (along, across, diagonal) = (b - a, d - a, c - a);
-        let normal = along.cross(across);
-        let area = normal.length_squared();
-        let third = if self.corners[2] == self.corners[3] || area == 0.0 {
-            [0.0, 1.0]
-        } else {
-            [diagonal.cross(across).dot(normal) / area, along.cross(diagonal).dot(normal) / area]
-        };
+        let is_quad = self.corners[2] != self.corners[3] && (b - a).cross(d - a) != DVec3::ZERO;
+        let third = if is_quad { coordinates(c - a, [b - a, d - a]) } else { [0.0, 1.0] };
         [[0.0; 2], [1.0, 0.0], third, [0.0, 1.0]]
     }
+}
+
+/// Coordinates of `v`, in the plane of two vectors, along these.
+fn coordinates(v: DVec3, [along, across]: [DVec3; 2]) -> [f64; 2] {
+    let normal = along.cross(across);
+    let area = normal.length_squared();
+    [v.cross(across).dot(normal) / area, along.cross(v).dot(normal) / area]
 }
 
 /// In f64.
@@ -100,8 +101,7 @@ fn one_polygon(primitive: &Primitive, corners: [u32; 4]) -> bool {
         let (a, b, c) = (p[k], p[(k + 1) % 4], p[(k + 2) % 4]);
         (b - a).cross(c - b).dot(normal) > 1e-6 * area
     });
-    let s = diagonal.cross(across).dot(normal) / area;
-    let t = along.cross(diagonal).dot(normal) / area;
+    let [s, t] = coordinates(diagonal, [along, across]);
     let affine = |v: [f64; 4]| {
         let predicted = v[0] + s * (v[1] - v[0]) + t * (v[3] - v[0]);
         (predicted - v[2]).abs() <= 1e-4 * (1.0 + v[2].abs()).min(10.0)

@@ -59,7 +59,7 @@ pub struct Holes {
 pub struct Cut {
     /// With all vertices of the whole one, and new ones after them.
     pub primitive: Primitive,
-    /// Of each new vertex, the corners of its facet and their weights.
+    /// Of each new vertex of a mesh with joints, the corners of its facet and their weights.
     pub blends: Vec<([u32; 3], [f64; 3])>,
 }
 
@@ -110,7 +110,7 @@ impl Holes {
         self.cut.get(&(mesh, number)).map_or_else(whole, |cut| &cut.primitive)
     }
 
-    /// How new vertices of that primitive, which come last, follow others.
+    /// How new vertices of that primitive, which come last, follow others where it has joints.
     pub fn blends(&self, mesh: usize, number: usize) -> &[([u32; 3], [f64; 3])] {
         self.cut.get(&(mesh, number)).map_or(&[], |cut| &cut.blends)
     }
@@ -202,6 +202,48 @@ impl Placed {
         let mut outline = facet.outline(primitive).to_vec();
         outline.dedup();
         Self { origin: DVec2::ZERO, along: DMat2::IDENTITY, outline }
+    }
+
+    /// It is more than a place of the texture, or a line.
+    fn has_area(&self) -> bool {
+        self.along.determinant().abs() >= 1e-9
+    }
+
+    fn middle(&self) -> [f64; 2] {
+        let sum = self.outline.iter().fold(DVec2::ZERO, |sum, p| sum + DVec2::from_array(*p));
+        (sum / self.outline.len() as f64).to_array()
+    }
+
+    /// What is affine, at a place; from its first, second, third and last corner.
+    fn affine(&self, corners: [f64; 4]) -> impl Fn([f64; 2]) -> f64 {
+        let (to_facet, origin) = (self.along.inverse(), self.origin);
+        move |place| {
+            let at = to_facet * (DVec2::from_array(place) - origin);
+            corners[0] + at.x * (corners[1] - corners[0]) + at.y * (corners[3] - corners[0])
+        }
+    }
+
+    /// Rings around all of it in which `map` times what its corners have reaches `level`; `None` where that has too much
+    /// detail.
+    fn rings(&self, map: &AlphaMap, corners: [f64; 4], level: f64, tolerance: f64) -> Option<Vec<Ring>> {
+        let [low, high] = bounds(&self.outline);
+        let size = [0, 1].map(|k| (high[k] - low[k]).ceil());
+        let finer = finer(size[0].max(size[1]).min(1e6) as u32, tolerance);
+        if size[0] * size[1] * (finer * finer) as f64 > MOST_CORNERS as f64 {
+            return None;
+        }
+        let texels = |k: usize| low[k].floor() - 1.0..high[k].ceil() + 1.0;
+        let lines = [0, 1].map(|k| Lines::new(texels(k), map.texture.nearest, finer));
+        let of_corners = self.affine(corners);
+        Some(rings(lines, level, tolerance, &|place, read| of_corners(place) * map.at(read)))
+    }
+
+    /// Rings around all of it in which what its corners have reaches `level`.
+    fn rings_of_corners(&self, corners: [f64; 4], level: f64) -> Vec<Ring> {
+        let [low, high] = bounds(&self.outline);
+        let lines = [0, 1].map(|k| Lines { places: vec![low[k], high[k]], read: vec![0.0; 2] });
+        let of_corners = self.affine(corners);
+        rings(lines, level, 0.0, &|place, _| of_corners(place))
     }
 }
 
@@ -438,53 +480,49 @@ fn cut(
     let per_texel = per_metre * (metres / texels.sum::<f64>().max(1e-12)).sqrt();
     let tolerance = (TOLERANCE_PX / per_texel).clamp(TOLERANCE[0], TOLERANCE[1]).log2().floor().exp2();
     for facet in facets {
-        let alphas = facet.corners.map(|c| {
-            let colors = primitive.colors.as_ref().and_then(|colors| colors.get(c as usize));
-            f64::from(material.base_color[3]) * colors.map_or(1.0, |color| f64::from(color[3]))
-        });
         if cutoff <= 0.0 {
             out.keep(facet);
             continue;
         }
+        let alphas = facet.corners.map(|c| {
+            let colors = primitive.colors.as_ref().and_then(|colors| colors.get(c as usize));
+            f64::from(material.base_color[3]) * colors.map_or(1.0, |color| f64::from(color[3]))
+        });
+        let differ = alphas.iter().any(|a| (a - alphas[0]).abs() > 1e-6);
         let on_map = map.as_ref().zip(placed(facet));
-        if alphas.iter().any(|a| (a - alphas[0]).abs() > 1e-6) {
-            let own = match &on_map {
-                Some((_, own)) if !finite(own) => continue,
-                Some((_, own)) if own.along.determinant().abs() >= 1e-9 => own,
-                _ => &Placed::alone(primitive, facet),
-            };
-            let map =
-                on_map.as_ref().map(|((_, texture, image), place)| (AlphaMap { texture, image }, place));
-            let rings = shaded_rings(map, own, alphas, cutoff, tolerance).ok_or(TOO_MANY)?;
-            outlines.count(&rings)?;
-            out.add_within(facet, own, &rings);
-            if out.triangles() > room {
-                return Err(TOO_MANY_PIECES);
+        let (own, rings) = match on_map {
+            // Nothing is left of what has no usable texture coordinates.
+            Some((_, own)) if !finite(&own) => continue,
+            Some(((_, texture, image), own)) if differ && own.has_area() => {
+                let rings = own.rings(&AlphaMap { texture, image }, alphas, cutoff, tolerance);
+                (own, rings.ok_or(TOO_MANY)?)
             }
-            continue;
-        }
-        let level = cutoff / alphas[0];
-        let Some(((map, texture, image), own)) = on_map else {
-            if alphas[0] >= cutoff {
-                out.keep(facet);
+            Some(((map, texture, image), own)) if own.has_area() => {
+                let level = cutoff / alphas[0];
+                // Nor of what is transparent.
+                if !level.is_finite() {
+                    continue;
+                }
+                let outline = outlines.of((map.texture, texture, image), level, reach, tolerance);
+                let rings = outline.within(bounds(&own.outline));
+                (own, rings.ok_or(TOO_MANY)?)
             }
-            continue;
+            // All of it shows one place of the texture, or a line of it; or there is none.
+            flat => {
+                let alpha = flat
+                    .map_or(1.0, |((_, texture, image), own)| AlphaMap { texture, image }.at(own.middle()));
+                let alphas = alphas.map(|own| own * alpha);
+                if !differ {
+                    if alphas[0] >= cutoff {
+                        out.keep(facet);
+                    }
+                    continue;
+                }
+                let own = Placed::alone(primitive, facet);
+                let rings = own.rings_of_corners(alphas, cutoff);
+                (own, rings)
+            }
         };
-        // Nothing is left of what is transparent, nor of what has no usable texture coordinates.
-        if !level.is_finite() || !finite(&own) {
-            continue;
-        }
-        let outline = outlines.of((map.texture, texture, image), level, reach, tolerance);
-        if own.along.determinant().abs() < 1e-9 {
-            // All of it shows one place of the texture, or a line of it.
-            let middle = own.outline.iter().fold(DVec2::ZERO, |sum, p| sum + DVec2::from_array(*p));
-            let p = middle / own.outline.len() as f64;
-            if outline.within([p.to_array(); 2]).is_some_and(|rings| contains(&rings, p)) {
-                out.keep(facet);
-            }
-            continue;
-        }
-        let Some(rings) = outline.within(bounds(&own.outline)) else { return Err(TOO_MANY) };
         outlines.count(&rings)?;
         out.add_within(facet, &own, &rings);
         if out.triangles() > room {
@@ -494,58 +532,10 @@ fn cut(
     Ok(out.cut)
 }
 
-/// Rings around all of a facet, which is `own`, in which alpha of `map`, where that and the facet's place on it are known, times
-/// that of its first, second, third and last corner reaches `level`; `None` where it has too much detail.
-fn shaded_rings(
-    map: Option<(AlphaMap, &Placed)>,
-    own: &Placed,
-    alphas: [f64; 4],
-    level: f64,
-    tolerance: f64,
-) -> Option<Vec<Ring>> {
-    let to_facet = own.along.inverse();
-    let of_corners = |p: [f64; 2]| {
-        let at = to_facet * (DVec2::from_array(p) - own.origin);
-        alphas[0] + at.x * (alphas[1] - alphas[0]) + at.y * (alphas[3] - alphas[0])
-    };
-    let [low, high] = bounds(&own.outline);
-    match map {
-        // The facet lies on the texture.
-        Some((map, place)) if std::ptr::eq(place, own) => {
-            let size = [0, 1].map(|k| (high[k] - low[k]).ceil());
-            let finer = finer(size[0].max(size[1]).min(1e6) as u32, tolerance);
-            if size[0] * size[1] * (finer * finer) as f64 > MOST_CORNERS as f64 {
-                return None;
-            }
-            let lines = [0, 1]
-                .map(|k| Lines::new(low[k].floor() - 1.0..high[k].ceil() + 1.0, map.texture.nearest, finer));
-            Some(rings(lines, level, tolerance, &|place, read| of_corners(place) * map.at(read)))
-        }
-        // All of it shows one place of the texture, or a line of it; or there is none.
-        map => {
-            let alpha = map.map_or(1.0, |(map, place)| map.at(place.origin.to_array()));
-            let lines = [0, 1].map(|k| Lines { places: vec![low[k], high[k]], read: vec![0.0; 2] });
-            Some(rings(lines, level, 0.0, &|place, _| of_corners(place) * alpha))
-        }
-    }
-}
-
 /// Area of a facet in square metres.
 fn area_of(primitive: &Primitive, facet: &Facet) -> f64 {
     let [a, b, c, d] = facet.corners.map(|c| wide(primitive.positions[c as usize]));
     0.5 * (c - a).cross(d - b).length()
-}
-
-/// Whether `p` lies within an odd number of `rings`.
-fn contains(rings: &[Ring], p: DVec2) -> bool {
-    let crosses = |a: &[f64; 2], b: &[f64; 2]| {
-        (a[1] > p.y) != (b[1] > p.y) && p.x < a[0] + (p.y - a[1]) / (b[1] - a[1]) * (b[0] - a[0])
-    };
-    let of = |ring: &Ring| {
-        let next = ring.iter().cycle().skip(1);
-        ring.iter().zip(next).filter(|(a, b)| crosses(a, b)).count()
-    };
-    rings.iter().map(of).sum::<usize>() % 2 == 1
 }
 
 /// A primitive that grows by parts of another one.
@@ -616,7 +606,9 @@ impl<'a> Pieces<'a> {
         let own = [a, b, d].map(|c| c as usize);
         let weights = [1.0 - at.x - at.y, at.x, at.y];
         let (of, cut) = (self.of, &mut self.cut.primitive);
-        self.cut.blends.push(([a, b, d], weights));
+        if of.joints.is_some() {
+            self.cut.blends.push(([a, b, d], weights));
+        }
         blend(&of.positions, &mut cut.positions, own, weights);
         blend(&of.normals, &mut cut.normals, own, weights);
         let tangents = of.tangents.iter().zip(&mut cut.tangents);

@@ -27,7 +27,7 @@ const MOST_CELLS: usize = 1 << 16;
 const MOST_SLICES: f64 = 6.0;
 /// Correlation of x and y in a footprint below which one rectangle will do.
 const SLANT: f64 = 0.05;
-/// Values of four channels that a picture holds per cell, at most: of ten channels, at both ends of a block.
+/// Values of four channels that a picture holds per cell, at most: of twelve channels, at both ends of a block.
 pub const MOST_PLANES: usize = 6;
 /// Least part of its greatest 1/depth that a facet has anywhere in its picture.
 const LEAST_DEPTH_RATIO: f64 = 0.3;
@@ -139,7 +139,7 @@ impl Footprint {
 impl Keyframe {
     /// Renders `planes` values that `shade` finds at places (s, t) of a facet about `rect`, with `texels` per (s, t) along
     /// either axis of its finest map, and appends their sums to `sums`. `shade` is told which area of (s, t) a cell is. Only
-    /// what lies within the `lines` of [`outline`] is asked for. `None` where there would be too many cells, or too much perspective.
+    /// cells within the `lines` of [`outline`] are shaded. `None` where there would be too many cells, or too much perspective.
     pub fn of_light(
         image_from_facet: DMat3,
         (texels, lines): (Option<DMat2>, &[DVec3]),
@@ -177,16 +177,15 @@ impl Keyframe {
             let y = first.y + row as f64 * step;
             let [from, to] = within(lines, y).map(|x| (x - first.x) / step);
             for column in 0..columns {
-                let inside = (from..=to).contains(&(column as f64));
-                if inside {
+                if (from..=to).contains(&(column as f64)) {
                     at(first.x + column as f64 * step, y, &mut value);
+                } else {
+                    value = means;
                 }
                 for k in 0..planes {
                     let above = start + k * plane + row * stride + column + 1;
                     for c in 0..4 {
-                        if inside {
-                            sum[k][c] += value[k][c] - means[k][c];
-                        }
+                        sum[k][c] += value[k][c] - means[k][c];
                         sums[above + stride][c] = sums[above][c] + sum[k][c];
                     }
                 }

@@ -1025,12 +1025,11 @@ impl<'a> Lighting<'a> {
                 diffuse += proportional;
                 set(channel, proportional + response.constant);
             }
-            if channels > lamps + 3 {
-                set(lamps + 1, glow);
-            }
             set(channels - 2, material::LUMINANCE.dot(base));
             set(channels - 1, diffuse);
-            if channels == lamps + 3 {
+            if channels > lamps + 3 {
+                set(lamps + 1, glow);
+            } else {
                 out[end * planes][0] += glow as f32;
             }
         }

@@ -301,8 +301,8 @@ impl Textures {
         if area.is_nan() || area < 1e-6 || p[1] + q[1] > MOST_LINES {
             return source.places(middle, axes, texture);
         }
-        let shift = first_texel(texture) + 0.5;
-        match sums.mean_over([middle[x] + shift, middle[y] + shift], p, q) {
+        let centre = [x, y].map(|k| at[k] * scale[k] + first_texel(texture));
+        match sums.mean_over(centre, p, q) {
             Some(mean) => mean.to_array(),
             None => source.places(middle, axes, texture),
         }

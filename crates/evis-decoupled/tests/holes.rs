@@ -10,13 +10,12 @@ use evis_scene::{
     AlphaMode, Image, Lens, LightKind, Material, Mesh, Motion, Node, Scene, Skin, Texture, TextureRef, Trs,
     Wrap,
 };
-use evis_truth::{PixelChoice, TruthSettings, truth};
 use glam::{DMat4, DQuat, DVec3};
 use half::f16;
 
 mod common;
 
-use common::{camera, exact, f1, light, noise, off};
+use common::{camera, exact, f1, light, noise, off, truth_of};
 
 const SIZE: (u32, u32) = (48, 36);
 const TEXELS: u32 = 24;
@@ -162,13 +161,7 @@ fn bent() -> Scene {
 fn holes_follow_a_skeleton() {
     let scene = bent();
     let [error, canary] = off_rays(&scene);
-    let asked = TruthSettings {
-        size: Some((96, 72)),
-        duration_us: 40_000,
-        pixels: PixelChoice::Count(300),
-        ..TruthSettings::default()
-    };
-    let truth = truth(&scene, &asked, &|_| true).unwrap();
+    let (asked, truth) = truth_of(&scene, (96, 72), 40_000, 300);
     let (found, count) = f1(&scene, &asked, &truth);
     println!("{error:.4} off, {canary:.4} without holes; F1 {found:.4} of {count} events");
     assert!(error < 0.01, "{error:.4}");
@@ -179,10 +172,7 @@ fn holes_follow_a_skeleton() {
 #[test]
 fn what_has_holes_fires_as_rays_say() {
     let scene = scene(WRAPS[0], 0.6, 0.5);
-    let (size, duration_us) = (Some((96, 72)), 60_000);
-    let asked =
-        TruthSettings { size, duration_us, pixels: PixelChoice::Count(400), ..TruthSettings::default() };
-    let truth = truth(&scene, &asked, &|_| true).unwrap();
+    let (asked, truth) = truth_of(&scene, (96, 72), 60_000, 400);
     let (found, count) = f1(&scene, &asked, &truth);
     let (canary, _) = f1(&without_mask(&scene), &asked, &truth);
     println!("F1 {found:.4} of {count} events, {canary:.4} without holes");

@@ -9,13 +9,12 @@ use evis_scene::primitive::Shape;
 use evis_scene::{
     Image, Lens, LightKind, Material, Mesh, Motion, Node, Scene, ShadingModel, Texture, TextureRef, Trs, Wrap,
 };
-use evis_truth::{PixelChoice, TruthSettings, truth};
 use glam::{DQuat, DVec3};
 use half::f16;
 
 mod common;
 
-use common::{camera, exact, f1, light, noise, off};
+use common::{camera, exact, f1, light, noise, off, truth_of};
 
 const SIZE: (u32, u32) = (32, 24);
 const TEXELS: u32 = 48;
@@ -148,13 +147,7 @@ fn eight_lamps_throw_shadows() {
         let mut without = scene.clone();
         without.lights[4..].iter_mut().for_each(|light| light.casts_shadow = false);
         let canary = off(&luminance(&without, &settings, 40_000.0).unwrap(), &wanted);
-        let asked = TruthSettings {
-            size: Some((64, 48)),
-            duration_us: 30_000,
-            pixels: PixelChoice::Count(150),
-            ..TruthSettings::default()
-        };
-        let truth = truth(&scene, &asked, &|_| true).unwrap();
+        let (asked, truth) = truth_of(&scene, (64, 48), 30_000, 150);
         let (found, count) = f1(&scene, &asked, &truth);
         println!("mapped {mapped}: {error:.4} off, {canary:.4} with four; F1 {found:.4} of {count} events");
         assert!(error < 0.02 && canary > 1.5 * error, "mapped {mapped}: {error:.4} {canary:.4}");
@@ -183,10 +176,7 @@ fn fine_base_colour_is_not_that_of_few_places() {
 #[test]
 fn mapped_surfaces_fire_as_rays_say() {
     let scene = scene(ShadingModel::MetallicRoughness, None);
-    let (size, duration_us) = (Some((64, 48)), 60_000);
-    let asked =
-        TruthSettings { size, duration_us, pixels: PixelChoice::Count(250), ..TruthSettings::default() };
-    let truth = truth(&scene, &asked, &|_| true).unwrap();
+    let (asked, truth) = truth_of(&scene, (64, 48), 60_000, 250);
     let (found, count) = f1(&scene, &asked, &truth);
     let mut plain = scene.clone();
     (plain.materials[0].normal_texture, plain.materials[0].occlusion_texture) = (None, None);

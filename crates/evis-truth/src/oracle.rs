@@ -2,7 +2,7 @@
 
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 
-use evis_core::{CameraInfo, Event, LensDistortion, SensorConfig, Truth};
+use evis_core::{CameraInfo, Event, SensorConfig, Truth};
 use evis_scene::{PixelLens, Scene, SceneError};
 use rayon::prelude::*;
 use serde::Serialize;
@@ -165,19 +165,8 @@ fn check_host(scene: &Scene, settings: &TruthSettings) -> Result<(), SceneError>
 }
 
 fn camera_info(scene: &Scene, name: &str, lens: &PixelLens) -> CameraInfo {
-    CameraInfo {
-        name: name.to_owned(),
-        width: lens.width,
-        height: lens.height,
-        fx: lens.focal[0],
-        fy: lens.focal[1],
-        cx: lens.center[0],
-        cy: lens.center[1],
-        distortion: scene.distortions.get(name).map(|distortion| LensDistortion {
-            model: distortion.name().to_owned(),
-            coefficients: distortion.coefficients(),
-        }),
-    }
+    let distortion = scene.distortions.get(name).map(|own| (own.name(), own.coefficients()));
+    CameraInfo::new(name, (lens.width, lens.height), lens.focal, lens.center, distortion)
 }
 
 /// Sorts what the pixels fired into one stream.

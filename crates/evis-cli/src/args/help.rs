@@ -112,7 +112,7 @@ pub(crate) fn with_short_help(command: Command) -> Command {
 fn short_help(sub: &Command) -> StyledStr {
     let mut sub = sub.clone().term_width(COLUMNS).mut_args(|arg| arg.hide_possible_values(true));
     let name = sub.get_bin_name().unwrap_or_else(|| sub.get_name()).to_owned();
-    // Switches too; what asks for help explains nothing.
+    // Switches count, --help does not.
     let all = sub.get_arguments().filter(|arg| !arg.is_positional() && arg.get_id() != "help").count();
     let help = sub.render_help();
     let (styled, plain) = (help.ansi().to_string(), help.to_string());

@@ -8,7 +8,7 @@ use evis_core::metric::{ScoreSettings, score};
 use evis_decoupled::{Settings, simulate};
 use evis_scene::{Camera, Lens, Light, LightKind, PixelLens, Scene, SceneState};
 use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
-use evis_truth::{Lattice, TruthSettings};
+use evis_truth::{Lattice, PixelChoice, TruthSettings, truth};
 
 /// Numbers in [0, 1) by place.
 pub fn noise(channel: u32, x: u32, y: u32) -> f32 {
@@ -52,6 +52,14 @@ pub fn camera(node: usize, lens: Lens) -> Camera {
 /// A steady light without a range.
 pub fn light(kind: LightKind, casts_shadow: bool, intensity: f32) -> Light {
     Light { color: [1.0, 0.9, 0.8], casts_shadow, ..Light::new("", kind, intensity) }
+}
+
+/// The oracle's events at so many pixels of `scene`, and the settings that they were made with.
+pub fn truth_of(scene: &Scene, size: (u32, u32), duration_us: i64, pixels: usize) -> (TruthSettings, Truth) {
+    let pixels = PixelChoice::Count(pixels);
+    let asked = TruthSettings { size: Some(size), duration_us, pixels, ..TruthSettings::default() };
+    let truth = truth(scene, &asked, &|_| true).unwrap();
+    (asked, truth)
 }
 
 /// F1 within 1 ms, scaled, of what `scene` makes an ideal sensor fire, against a truth of these settings; and how many events

@@ -1,6 +1,7 @@
 //! Resets of single environments; the others continue.
 
 use evis_core::{ConfigError, SensorConfig};
+use evis_scene::PixelLens;
 
 use crate::error::EngineError;
 use crate::gpu::commands::Commands;
@@ -11,7 +12,6 @@ use crate::sensor::group::{Slot, Unit};
 use crate::sensor::passes::{WalkPasses, share_passes};
 use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
 use crate::world::view::{View, reseed};
-use evis_scene::PixelLens;
 
 use super::Engine;
 

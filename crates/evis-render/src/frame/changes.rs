@@ -6,13 +6,13 @@
 
 use std::mem::offset_of;
 
+use evis_scene::PixelLens;
 use glam::{DMat4, DVec3};
 
 use crate::gpu::uniforms::{Frame, ObjectRecord};
 use crate::shadow::volume::Lamp;
 use crate::world::gpu_scene::{DrawItem, GpuScene, Part, place, push_item};
 use crate::world::image_bounds::{Area, Corners, MARGIN_PX, bounds, seen};
-use evis_scene::PixelLens;
 
 /// A part of a picture larger than this is not worth being drawn apart.
 const LARGEST_PART: f64 = 0.7;

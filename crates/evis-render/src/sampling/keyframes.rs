@@ -2,6 +2,7 @@
 //! neighbouring keyframes. Two are kept at a time: the newer one of a gap is the older one of the next.
 
 use evis_core::{Warp, WarpVariant};
+use evis_scene::PixelLens;
 
 use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
@@ -18,7 +19,6 @@ use crate::raster::luminance::encode_luminance;
 use crate::raster::shadows::MovingShadows;
 use crate::sampling::clipped::{CLIPPED_BYTES, CLIPPED_STRIDE, Clipping};
 use crate::world::view::View;
-use evis_scene::PixelLens;
 
 /// Keyframes that are kept.
 pub const SLOTS: u32 = 2;

@@ -8,12 +8,12 @@
 
 use std::ops::Range;
 
+use evis_scene::PixelLens;
 use glam::{DMat4, DVec3};
 
 use crate::frame::{FrameData, Shared};
 use crate::sampling::clusters::{Hull, Pieces};
 use crate::world::gpu_scene::{GpuScene, Object};
-use evis_scene::PixelLens;
 
 /// Steps of a block at whose ends speeds are computed.
 const STEPS: usize = 8;

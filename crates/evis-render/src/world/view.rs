@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use evis_core::random::Key;
-use evis_core::{CameraInfo, ConfigError, LensDistortion, SensorConfig};
+use evis_core::{CameraInfo, ConfigError, SensorConfig};
 use evis_scene::{PixelLens, Scene};
 
 use crate::config::{self, Method, RunConfig};
@@ -120,19 +120,8 @@ pub fn own_lens(
 
 /// What a recording says of the camera `name` of `scene`, which has this lens.
 pub fn camera_info(scene: &Scene, name: &str, lens: &PixelLens) -> CameraInfo {
-    CameraInfo {
-        name: name.to_owned(),
-        width: lens.width,
-        height: lens.height,
-        fx: lens.focal[0],
-        fy: lens.focal[1],
-        cx: lens.center[0],
-        cy: lens.center[1],
-        distortion: scene.distortions.get(name).map(|distortion| LensDistortion {
-            model: distortion.name().to_owned(),
-            coefficients: distortion.coefficients(),
-        }),
-    }
+    let distortion = scene.distortions.get(name).map(|own| (own.name(), own.coefficients()));
+    CameraInfo::new(name, (lens.width, lens.height), lens.focal, lens.center, distortion)
 }
 
 /// What is random in camera `camera` (of the scene) of `environment` follows from this, in a run with `seed`.

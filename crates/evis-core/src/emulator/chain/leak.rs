@@ -10,7 +10,7 @@ use crate::random::{EPOCH_SHIFT, Key, StreamId};
 use crate::simd::{Isa, dispatched};
 
 impl Pixel<'_> {
-    /// Notes that the reference moved at `t`; the leak's slope is drawn anew.
+    /// Notes that the reference moved at `t`; draws the leak's slope again.
     #[inline]
     pub(super) fn moved_at(&mut self, t: f64) {
         if !self.plan.ramp {

@@ -9,6 +9,7 @@ use evis_core::sensor::{
 use evis_core::{
     Cause, EmulatorConfig, Event, EventEmulator, FrameData, Frames, SensorConfig, Times, TriggerRule,
 };
+use evis_scene::PixelLens;
 
 use crate::config::grid::SampleGrid;
 use crate::gpu::Gpu;
@@ -25,7 +26,6 @@ use crate::sensor::targets::Targets;
 use crate::sensor::trigger::{encode_trigger, trigger_steps};
 use crate::sensor::unpack;
 use crate::world::view::View;
-use evis_scene::PixelLens;
 
 const WIDTH: u32 = 83;
 const HEIGHT: u32 = 17;
