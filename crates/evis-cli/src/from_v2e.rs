@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use evis_chart::shell_quoted;
 use evis_core::SensorConfig;
+use evis_core::limits::nearest;
 use evis_core::sensor::NoiseLaw;
-use evis_core::words::did_you_mean;
 
 use crate::args::FromV2eArgs;
 use crate::failure::bad_input;
@@ -155,10 +155,7 @@ fn translate(given: &[String], program: &str) -> anyhow::Result<(Vec<String>, Ve
             Some((name, value)) if word.starts_with("--") => (name, Some(value.to_owned())),
             _ => (word.as_str(), None),
         };
-        let Some((_, values, meaning)) = OPTIONS.iter().find(|(known, ..)| *known == name) else {
-            let hint = did_you_mean(name, OPTIONS.iter().map(|(known, ..)| *known));
-            return Err(bad_input(format!("{name} is no option of v2e{hint}")));
-        };
+        let &(name, values, meaning) = option(name)?;
         let is_value = |word: &&String| !word.starts_with('-') || word.parse::<f64>().is_ok();
         let mut value = joined;
         match values {
@@ -172,9 +169,44 @@ fn translate(given: &[String], program: &str) -> anyhow::Result<(Vec<String>, Ve
             Many => while words.next_if(is_value).is_some() {},
             _ => {}
         }
-        line.take(name, *meaning, value.unwrap_or_default())?;
+        line.take(name, meaning, value.unwrap_or_default())?;
     }
     line.words(program)
+}
+
+/// The option that `name` is, in full or, as v2e takes it, by a beginning that no other option has.
+fn option(name: &str) -> anyhow::Result<&'static (&'static str, Values, Meaning)> {
+    if let Some(option) = OPTIONS.iter().find(|(known, ..)| *known == name) {
+        return Ok(option);
+    }
+    let begins = |known: &str| name.len() > 2 && name.starts_with("--") && known.starts_with(name);
+    let begun: Vec<_> = OPTIONS.iter().filter(|(known, ..)| begins(known)).collect();
+    match begun.as_slice() {
+        [] => Err(bad_input(format!("{name} is no option of v2e{}", hint(name)))),
+        [option] => Ok(option),
+        several => {
+            let names: Vec<_> = several.iter().map(|(known, ..)| *known).collect();
+            Err(bad_input(format!(
+                "v2e has several options that begin with {name}; write one of {} in full",
+                names.join(", ")
+            )))
+        }
+    }
+}
+
+/// The option that `name` is like, or that alone has it as one of its words.
+fn hint(name: &str) -> String {
+    // Dashes, which all options begin with, would make any two of them alike.
+    let bare = name.trim_start_matches('-').replace('-', "_").to_ascii_lowercase();
+    let known = OPTIONS.iter().filter_map(|(known, ..)| known.strip_prefix("--"));
+    // What comes to nothing here is not what was meant.
+    let used = OPTIONS.iter().filter(|(.., meaning)| !matches!(meaning, Left));
+    let used = used.filter_map(|(known, ..)| known.strip_prefix("--"));
+    let mut of_word = used.filter(|known| known.split('_').any(|word| word == bare));
+    let only = of_word.next().filter(|_| of_word.next().is_none());
+    nearest(&bare, known)
+        .or(only)
+        .map_or_else(|| "; `v2e --help` lists them".to_owned(), |near| format!(" (did you mean '--{near}'?)"))
 }
 
 impl Line {
@@ -406,6 +438,41 @@ mod tests {
         assert!(refused("--pos_thres 0.2").contains("no input"));
         assert!(refused("-i a --output_width 100").contains("go together"));
         assert!(refused("-i a --dvs_params dark").contains("clean and noisy"));
+    }
+
+    /// What is said of a command line whose dashes are written as `~`: it names options that neither program has.
+    fn refused_of(line: &str) -> String {
+        refused(&line.replace('~', "--"))
+    }
+
+    #[test]
+    fn a_beginning_names_an_option_as_in_v2e() {
+        let short = told(&"~input a ~disable ~pos 0.3 ~cutoff=9".replace('~', "--"));
+        assert_eq!(short, told("-i a --disable_slomo --pos_thres 0.3 --cutoff_hz 9"));
+        let several = refused_of("-i a ~output_f x ~dvs_a y");
+        assert!(several.contains("--dvs_aedat2, --dvs_aedat4") && several.contains("in full"), "{several}");
+        assert!(refused_of("-i a ~leak 1").contains("--leak_rate_hz, --leak_jitter_fraction"));
+    }
+
+    #[test]
+    fn only_what_is_like_an_option_is_suggested() {
+        for (word, near) in [
+            ("pos_thresh", "--pos_thres"),
+            ("dvs-h5", "--dvs_h5"),
+            ("output_foldr", "--output_folder"),
+            ("seed", "--dvs_emulator_seed"),
+            ("preview", "--no_preview"),
+            ("dvs_text_file", "--dvs_text"),
+            ("leak_rate_Hz", "--leak_rate_hz"),
+        ] {
+            let told = refused_of(&format!("-i a ~{word} 1"));
+            assert!(told.ends_with(&format!("is no option of v2e (did you mean '{near}'?)")), "{told}");
+        }
+        // By their dashes alone, each of these is like some option.
+        for word in ["frobnicate", "verbose", "size", "fps", "duration", "gpu"] {
+            let told = refused_of(&format!("-i a ~{word} 1"));
+            assert!(told.ends_with("is no option of v2e; `v2e --help` lists them"), "{told}");
+        }
     }
 
     #[test]
