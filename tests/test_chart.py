@@ -49,6 +49,7 @@ def test_points_are_typed_and_scored(made: evis.measure.Chart):
     assert len(point.wall_ms_per_s) == 2
     assert point.cost_ms(render_ms=10.0) == pytest.approx(point.cost_ms() + 10.0 * 100)
     assert point.score.truth_events == scene.truth_events > 0
+    assert 0 < scene.truth_firing <= min(scene.truth_pixels, scene.truth_events)
     with pytest.raises(FrozenInstanceError):
         point.events = 0  # type: ignore[misc]
 
@@ -68,6 +69,9 @@ def test_charts_are_drawn_joined_and_read_again(made: evis.measure.Chart, tmp_pa
         made.save(tmp_path / "a.pdf")
     with pytest.raises(FileNotFoundError):
         made.save(tmp_path / "no" / "a.svg")
+    older = json.loads(made.to_json())
+    del older["scenes"][0]["truth"]["firing"]
+    assert evis.measure.Chart.from_json(json.dumps(older)).scenes[0].truth_firing == 0
     newer = json.dumps({**json.loads(made.to_json()), "evis_chart": 9})
     with pytest.raises(evis.FormatError, match="version 9"):
         evis.measure.Chart.from_json(newer)

@@ -120,8 +120,9 @@ class SceneChart:
         Day, YYYY-MM-DD in UTC.
     repetitions : int
         Runs of each setting.
-    truth_pixels, truth_events : int
-        What truth knows.
+    truth_pixels, truth_events, truth_firing : int
+        Pixels that truth is made for, spread evenly over the picture; their events; how many of the pixels
+        have any (0 in files of versions that did not count them). With 500 events, F1 is known to about 0.01.
     floor : evis.metrics.Score or None
         Truth's own error: two truths with independent samples, scored against each other.
     points : tuple of ChartPoint
@@ -142,6 +143,7 @@ class SceneChart:
     repetitions: int
     truth_pixels: int
     truth_events: int
+    truth_firing: int
     floor: Score | None
     points: tuple[ChartPoint, ...]
     not_measured: tuple[tuple[ChartSetting, str], ...]
@@ -495,6 +497,7 @@ def _scene_chart(held: dict[str, Any]) -> SceneChart:
         repetitions=held["repetitions"],
         truth_pixels=truth["pixels"],
         truth_events=truth["events"],
+        truth_firing=truth.get("firing", 0),
         floor=None if floor is None else Score.from_json(json.dumps(floor)),
         points=tuple(
             ChartPoint(

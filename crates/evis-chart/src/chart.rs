@@ -1,5 +1,6 @@
 //! From a scene to its chart: truth once, then every setting of the ladder.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -187,6 +188,7 @@ pub(crate) fn measured(
         truth: TruthNote {
             pixels: truth.pixels.len(),
             events: truth.events.len(),
+            firing: truth.events.iter().map(|e| (e.x, e.y)).collect::<HashSet<_>>().len(),
             floor,
             provenance: serde_json::from_str(&truth.provenance)
                 .unwrap_or_else(|_| serde_json::Value::String(truth.provenance.clone())),

@@ -102,6 +102,7 @@ pub(crate) fn scene_chart(name: &str) -> SceneChart {
         truth: TruthNote {
             pixels: 19_200,
             events: 100_000,
+            firing: 15_000,
             floor: Some(score(0.998, 0.003)),
             provenance: serde_json::Value::Null,
         },

@@ -97,6 +97,9 @@ pub struct TruthNote {
     pub pixels: usize,
     /// Their events.
     pub events: usize,
+    /// How many of them have any; 0 in files of versions that did not count them.
+    #[serde(default)]
+    pub firing: usize,
     /// Truth's own error, where it is known: two truths with different lattices, scored
     /// against each other on a part of the pixels.
     pub floor: Option<Score>,

@@ -99,16 +99,41 @@ fn recommend(
     failed.map_or(Ok(0), |error| Err(error.into()))
 }
 
-/// What is said of a chart whose truth has so few events that one more or less moves its figures.
+/// What is said of a chart whose truth has so few events that one more or less moves its figures. Pixels stay where they are:
+/// those that are chosen because they fire would see fewer of the events that a setting fires where nothing does.
 fn rough(scene: &SceneChart) -> Option<String> {
-    let events = scene.truth.events;
-    (events < ENOUGH_EVENTS).then(|| {
+    let truth = &scene.truth;
+    if truth.events >= ENOUGH_EVENTS {
+        return None;
+    }
+    let all = scene.width as usize * scene.height as usize;
+    let times = ENOUGH_EVENTS as f64 / truth.events.max(1) as f64;
+    let asked = (truth.pixels as f64 * times / 100.0).ceil() as usize * 100;
+    let more = if truth.pixels >= all {
+        String::new()
+    } else if asked < all {
         format!(
-            "{}: figures are rough: truth has few events ({events}); a longer --duration, another --start or more \
-             --truth-pixels gives more",
-            scene.scene
+            "--truth-pixels {asked} gives about {ENOUGH_EVENTS}, in {times:.0} times the time for truth; "
         )
-    })
+    } else {
+        let events = truth.events * all / truth.pixels.max(1);
+        format!("--truth-pixels all gives about {}; ", rounded(events))
+    };
+    Some(format!(
+        "{}: figures are rough: truth has few events ({}, at {} of its {} pixels, which are spread evenly over the picture): F1 \
+         0.95 would be known to ±{:.2} at best; {more}a longer --duration or another --start may give more",
+        scene.scene,
+        truth.events,
+        truth.firing,
+        truth.pixels,
+        (0.95 * 0.05 / truth.events.max(1) as f64).sqrt(),
+    ))
+}
+
+/// A count that is estimated, to two digits.
+fn rounded(count: usize) -> usize {
+    let unit = 10_usize.pow(count.max(1).ilog10().saturating_sub(1));
+    (count + unit / 2) / unit * unit
 }
 
 fn measured(scene: &SceneChart) -> String {
@@ -268,4 +293,15 @@ pub(crate) fn cache_folder(asked: Option<&Path>) -> Option<PathBuf> {
         return None;
     }
     Some(folder)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn counts_keep_two_digits() {
+        let counts = [0, 7, 84, 675, 1249, 99_600];
+        assert_eq!(counts.map(rounded), [0, 7, 84, 680, 1200, 100_000]);
+    }
 }

@@ -131,11 +131,20 @@ fn a_scene_in_which_little_or_nothing_fires_says_so() {
     // The hundred pixels that tell truth's own error meet nothing, the four hundred do.
     let small = evis(&folder, &format!("chart small.toml {settings} --report r.json"));
     assert_eq!(code(&small), 0, "{}", stderr(&small));
-    assert!(stderr(&small).contains("figures are rough: truth has few events ("), "{}", stderr(&small));
     let report: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.file("r.json")).unwrap()).unwrap();
     let truth = &report["scenes"][0]["truth"];
     assert!(truth["events"].as_u64().unwrap() > 0 && truth["floor"].is_null(), "{truth}");
+    let count = |key: &str| truth[key].as_u64().unwrap();
+    assert!((1..=count("events")).contains(&count("firing")), "{truth}");
+    let told = format!(
+        "figures are rough: truth has few events ({}, at {} of its {} pixels,",
+        count("events"),
+        count("firing"),
+        count("pixels")
+    );
+    let warned = stderr(&small);
+    assert!(warned.contains(&told) && warned.contains("--truth-pixels "), "{warned}");
 }
 
 #[test]
