@@ -130,6 +130,8 @@ impl TimeLeft {
 pub(crate) struct Forecast {
     /// Stream time and work at the end of the first packet, which also sets up what the others use.
     first: Option<(i64, Duration)>,
+    /// Stream time that is measured at least, in microseconds.
+    least_us: i64,
     /// How long it takes has been said.
     pub(crate) told: bool,
 }
@@ -143,15 +145,21 @@ pub(crate) struct Measured {
 }
 
 impl Forecast {
+    /// One that measures `least_us` of the stream at least.
+    pub(crate) fn over(least_us: i64) -> Self {
+        Self { least_us, ..Self::default() }
+    }
+
     /// The stream of `duration_us` has reached `t_us` after `elapsed` of work. `Some` once: at the end of a packet behind the
-    /// first when a second of work is measured and the stream is not over.
+    /// first when a second of work and `least_us` are measured and the stream is not over.
     pub(crate) fn at(&mut self, t_us: i64, elapsed: Duration, duration_us: i64) -> Option<Measured> {
         let Some((first_us, first)) = self.first else {
             self.first = Some((t_us, elapsed));
             return None;
         };
         let measured = elapsed.saturating_sub(first);
-        if self.told || t_us <= first_us || measured < LEAST_WORK || t_us >= duration_us {
+        let enough = t_us > first_us && t_us - first_us >= self.least_us && measured >= LEAST_WORK;
+        if self.told || !enough || t_us >= duration_us {
             return None;
         }
         self.told = true;
@@ -185,6 +193,14 @@ mod tests {
         assert_eq!((measured.from_us, measured.until_us), (10_000, 30_000));
         assert_eq!(measured.total, 5 * S + 99 * S);
         assert_eq!(forecast.at(40_000, 8 * S, 1_000_000), None);
+        let mut sparse = Forecast::over(30_000);
+        assert_eq!(sparse.at(10_000, S, 1_000_000), None);
+        assert_eq!(
+            sparse.at(30_000, 9 * S, 1_000_000),
+            None,
+            "what comes every 30 ms is not in it for certain"
+        );
+        assert!(sparse.at(40_000, 10 * S, 1_000_000).is_some());
         let mut short = Forecast::default();
         assert_eq!(short.at(10_000, S, 20_000), None);
         assert_eq!(short.at(20_000, 3 * S, 20_000), None, "it is over");

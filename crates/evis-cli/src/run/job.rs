@@ -50,19 +50,33 @@ pub(super) fn before_line(config: &RunConfig, duration_us: i64, cost: Option<f64
     format!("{settings}: {}{cheaper}", cost_line(config, duration_us, cost))
 }
 
+/// Whether labels or frames are rendered beside the events.
+fn pictured(config: &RunConfig) -> bool {
+    config.carried().iter().any(|kind| *kind != LabelKind::Cause)
+}
+
+/// Stream time in which each kind of picture comes once, in microseconds: over less, a measurement may miss it.
+fn period_us(config: &RunConfig) -> i64 {
+    if !pictured(config) {
+        return 0;
+    }
+    let slowest_hz = config.frame_rate_hz.map_or(config.label_rate_hz, |hz| hz.min(config.label_rate_hz));
+    (1e6 / slowest_hz).ceil() as i64
+}
+
 /// How long the run takes at `cost` seconds per second of stream.
 fn cost_line(config: &RunConfig, duration_us: i64, cost: f64) -> String {
-    let pictured = config.carried().iter().any(|kind| *kind != LabelKind::Cause);
-    let beside = if pictured { ", labels and frames not counted" } else { "" };
+    let beside = if pictured(config) { ", labels and frames not counted" } else { "" };
     let total =
         text::roughly(Duration::try_from_secs_f64(cost * duration_us as f64 * 1e-6).unwrap_or(Duration::MAX));
     format!("{} of stream in {total}{beside}, by what its first part takes", text::seconds(duration_us))
 }
 
 /// How long the run takes, by what was measured.
-fn forecast_line(measured: &Measured, duration_us: i64) -> String {
+fn forecast_line(config: &RunConfig, measured: &Measured, duration_us: i64) -> String {
+    let with = if pictured(config) { "with labels and frames, " } else { "" };
     format!(
-        "about {} for {} of stream, by what {} to {} took",
+        "{with}about {} for {} of stream, by what {} to {} took",
         text::about(measured.total),
         text::seconds(duration_us),
         text::seconds(measured.from_us),
@@ -121,18 +135,21 @@ impl Job {
     pub(super) fn stream(&mut self, simulator: Simulator, duration_us: i64) -> anyhow::Result<bool> {
         let interrupt = Interrupt::listen();
         let progress = Progress::new(u64::try_from(duration_us).unwrap_or(0));
-        let mut forecast = Forecast::default();
+        let config = simulator.config().clone();
+        let mut forecast = Forecast::over(period_us(&config));
         let started = Instant::now();
         // The first line comes before the first packet, as soon as there is an estimate.
-        let config = simulator.config().clone();
+        let mut unpriced = true;
         let mut pending = config.method == Method::Decoupled;
         let mut packets = simulator.stream(duration_us, PACKET_US)?;
         loop {
             let next = packets.poll_next(POLL);
             let cost = packets.cost();
             match cost {
-                Some(cost) if !forecast.told => {
-                    forecast.told = true;
+                Some(cost) if unpriced && !forecast.told => {
+                    unpriced = false;
+                    // Labels and frames are measured once a few have come.
+                    forecast.told = !pictured(&config);
                     progress.line(&if pending {
                         before_line(&config, duration_us, Some(cost))
                     } else {
@@ -157,7 +174,7 @@ impl Job {
             self.tally.add(&packet, writing.elapsed());
             let elapsed = started.elapsed();
             if let Some(measured) = forecast.at(packet.end_us, elapsed, duration_us) {
-                progress.line(&forecast_line(&measured, duration_us));
+                progress.line(&forecast_line(&config, &measured, duration_us));
             }
             progress.stream(packet.end_us, self.tally.report.events, elapsed);
             if interrupt.asked() {
@@ -273,8 +290,14 @@ mod tests {
         );
         let measured = Measured { from_us: 10_000, until_us: 30_000, total: Duration::from_secs(150) };
         assert_eq!(
-            forecast_line(&measured, 2_000_000),
+            forecast_line(&RunConfig::default(), &measured, 2_000_000),
             "about 2 min for 2 s of stream, by what 0.01 s to 0.03 s took"
         );
+        assert!(
+            forecast_line(&config, &measured, 2_000_000).starts_with("with labels and frames, about 2 min")
+        );
+        assert_eq!((period_us(&RunConfig::default()), period_us(&config)), (0, 20_000));
+        config.frame_rate_hz = Some(30.0);
+        assert_eq!(period_us(&config), 33_334);
     }
 }
