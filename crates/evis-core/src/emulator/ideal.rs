@@ -80,6 +80,8 @@ pub(crate) trait Domain {
         high: &[Self::Value; BLOCK],
         out: &mut [Self::Value; BLOCK],
     ) -> u64;
+    /// What was loaded can be read by every thread.
+    fn finish<const LANES: usize>(&self) {}
     /// The first half of the way to the logarithm: a look-up, pixel by pixel.
     fn pick(&self, value: Self::Value) -> f32;
     /// The second half: arithmetic, many pixels at once.
@@ -105,6 +107,8 @@ pub(crate) struct Any<'a>(pub Source<'a>, pub f32);
 pub(crate) trait Load {
     /// As [`Domain::tie`].
     fn tie(&self) -> f32;
+    /// As [`Domain::finish`].
+    fn finish<const LANES: usize>(&self) {}
     /// As [`Domain::load`]; `span` is `eps`, and the ratio of a range's ends.
     fn load<const LANES: usize>(
         &self,
@@ -115,7 +119,27 @@ pub(crate) trait Load {
     ) -> u64;
 }
 
+/// Pixels of frames that are copied past the caches where they are silent: caches do not hold them until they are read again.
+#[cfg(target_arch = "x86_64")]
+const STREAMED: usize = 1 << 19;
+
+#[cfg(target_arch = "x86_64")]
+impl Linear<'_> {
+    #[inline(always)]
+    const fn streams(&self) -> bool {
+        self.values.len() >= STREAMED
+    }
+}
+
 impl Load for Linear<'_> {
+    #[inline(always)]
+    fn finish<const LANES: usize>(&self) {
+        #[cfg(target_arch = "x86_64")]
+        if LANES >= 16 && self.streams() {
+            // SAFETY: every processor of this target has it.
+            unsafe { std::arch::x86_64::_mm_sfence() };
+        }
+    }
     #[inline(always)]
     fn tie(&self) -> f32 {
         0.0
@@ -136,7 +160,7 @@ impl Load for Linear<'_> {
             // SAFETY: so many lanes are those of AVX-512, and of AVX2.
             return unsafe {
                 match LANES {
-                    16.. => widest::light_outside(values, inverse, low, eps, reach, out),
+                    16.. => widest::light_outside(values, (inverse, self.streams()), low, eps, reach, out),
                     _ => wide::light_outside(values, inverse, low, eps, reach, out),
                 }
             };
@@ -206,6 +230,10 @@ impl<L: Load> Domain for Light<L> {
         out: &mut [f32; BLOCK],
     ) -> u64 {
         self.load.load::<LANES>(first, low, (self.eps, self.reach), out)
+    }
+    #[inline(always)]
+    fn finish<const LANES: usize>(&self) {
+        self.load.finish::<LANES>();
     }
     #[inline(always)]
     fn pick(&self, value: f32) -> f32 {
@@ -314,40 +342,51 @@ fn words_outside<const LANES: usize>(values: &[u16; BLOCK], low: &[u16; BLOCK], 
 mod widest {
     use std::arch::x86_64::{
         _CMP_GE_OQ, _CMP_LE_OQ, _mm512_add_ps, _mm512_cmp_ps_mask, _mm512_loadu_ps, _mm512_mask_cmp_ps_mask,
-        _mm512_mul_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps,
+        _mm512_mul_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_stream_ps,
     };
 
     use super::BLOCK;
 
-    /// As [`super::wide::light_outside`].
+    /// As [`super::wide::light_outside`]; past the caches where `streams`, `out` begins at a cache line, and all is inside. Then
+    /// [`std::arch::x86_64::_mm_sfence`] must follow before another thread reads it.
     #[target_feature(enable = "avx512f")]
     #[inline]
     pub(super) fn light_outside(
         values: &[f32; BLOCK],
-        inverse: f32,
+        (inverse, streams): (f32, bool),
         low: &[f32; BLOCK],
         eps: f32,
         reach: f32,
         out: &mut [f32; BLOCK],
     ) -> u64 {
+        const PARTS: usize = BLOCK / 16;
         let (inverse, eps, reach) = (_mm512_set1_ps(inverse), _mm512_set1_ps(eps), _mm512_set1_ps(reach));
         let zero = _mm512_setzero_ps();
+        let mut light = [zero; PARTS];
         let mut inside = 0_u64;
-        for i in 0..BLOCK / 16 {
-            // SAFETY: sixteens of arrays of 64, the last of which begins at 48.
-            let (values, low, out) = unsafe {
-                (values.as_ptr().add(16 * i), low.as_ptr().add(16 * i), out.as_mut_ptr().add(16 * i))
+        for (i, light) in light.iter_mut().enumerate() {
+            // SAFETY: each reads the 16 floats that are there: sixteens of arrays of 64, the last of which begins at 48.
+            let (values, low) = unsafe {
+                (_mm512_loadu_ps(values.as_ptr().add(16 * i)), _mm512_loadu_ps(low.as_ptr().add(16 * i)))
             };
-            // SAFETY: each reads the 16 floats that are there.
-            let (values, low) = unsafe { (_mm512_loadu_ps(values), _mm512_loadu_ps(low)) };
-            let light = _mm512_mul_ps(values, inverse);
-            // SAFETY: it writes the 16 floats that are there.
-            unsafe { _mm512_storeu_ps(out, light) };
-            let shifted = _mm512_add_ps(light, eps);
-            let possible = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(light, zero);
+            *light = _mm512_mul_ps(values, inverse);
+            let shifted = _mm512_add_ps(*light, eps);
+            let possible = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(*light, zero);
             let above = _mm512_mask_cmp_ps_mask::<_CMP_GE_OQ>(possible, shifted, low);
             let all = _mm512_mask_cmp_ps_mask::<_CMP_LE_OQ>(above, shifted, _mm512_mul_ps(low, reach));
             inside |= u64::from(all) << (16 * i);
+        }
+        let out = out.as_mut_ptr();
+        if streams && inside == u64::MAX && out.addr().is_multiple_of(64) {
+            for (i, light) in light.into_iter().enumerate() {
+                // SAFETY: it writes the 16 floats that are there, which begin at a cache line.
+                unsafe { _mm512_stream_ps(out.add(16 * i), light) };
+            }
+        } else {
+            for (i, light) in light.into_iter().enumerate() {
+                // SAFETY: it writes the 16 floats that are there.
+                unsafe { _mm512_storeu_ps(out.add(16 * i), light) };
+            }
         }
         !inside
     }
@@ -561,6 +600,7 @@ fn scan_body<D: Domain, const LANES: usize>(
         }
         first = first.wrapping_add(BLOCK);
     }
+    domain.finish::<LANES>();
     (unknown, impossible != 0)
 }
 
