@@ -478,9 +478,14 @@ class EventEmulator(Generic[Out]):
 
     def _made(self, lists: list[npt.NDArray[np.void]], copies: int) -> Out:
         self._copies = (copies, self._copies[1] + copies)
-        width, height = self._frame[-1], self._frame[-2]
-        made = [EventArray._trusted(events, width, height) for events in lists]
-        return cast("Out", made[0] if self.batch is None else made)
+        height, width = self._frame[-2:]
+        # Once per frame: without a batch, no list of one is made.
+        made: EventArray | list[EventArray]
+        if len(self._frame) == 2:
+            made = EventArray._trusted(lists[0], width, height)
+        else:
+            made = [EventArray._trusted(events, width, height) for events in lists]
+        return cast("Out", made)
 
     def reset(self, env_ids: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None) -> None:
         """Reset environments: they start with their next frame; time may start anywhere if all are reset.

@@ -132,8 +132,8 @@ class EventArray(Representable):
     @classmethod
     def _trusted(cls, array: Events, width: int, height: int) -> EventArray:
         """Wrap what the engine made, without checking it again."""
-        made = cls.__new__(cls)
-        made._set(array, width, height)
+        made = object.__new__(cls)
+        made._events, made._width, made._height = array, int(width), int(height)
         return made
 
     @classmethod

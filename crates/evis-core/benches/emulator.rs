@@ -24,10 +24,14 @@ fn light(x: u32, t_us: i64) -> f64 {
 }
 
 fn frames<T: Copy>(value: impl Fn(f64) -> T) -> Vec<Vec<T>> {
-    (0..FRAMES)
+    frames_of((WIDTH, HEIGHT), FRAMES, value)
+}
+
+fn frames_of<T: Copy>((width, height): (u32, u32), count: usize, value: impl Fn(f64) -> T) -> Vec<Vec<T>> {
+    (0..count)
         .map(|k| {
-            let row: Vec<T> = (0..WIDTH).map(|x| value(light(x, k as i64 * 1000))).collect();
-            row.repeat(HEIGHT as usize)
+            let row: Vec<T> = (0..width).map(|x| value(light(x, k as i64 * 1000))).collect();
+            row.repeat(height as usize)
         })
         .collect()
 }
@@ -113,6 +117,10 @@ fn main() {
     let codes = |k: usize| Frames::u8(&bytes[k], Transfer::Linear);
     print(&measure("ideal, uint8, 1 thread", &sensor, 1, codes, size, FRAMES, false));
     print(&measure("ideal, uint8, 2 threads", &sensor, 2, codes, size, FRAMES, false));
+    let large = (1280, 720);
+    let many = frames_of(large, 20, |light| light as f32);
+    let linear_of = |k: usize| Frames::linear(&many[k]);
+    print(&measure("ideal, float32, 1280x720, 1 thread", &sensor, 1, linear_of, large, many.len(), false));
 
     for name in ["v2e", "v2e-noisy", "evis", "openeb", "gen4-like", "davis346"] {
         let sensor = SensorConfig::preset(name).unwrap();

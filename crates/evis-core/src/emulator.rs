@@ -1,5 +1,6 @@
 //! Frames in, events out: the sensor on its own, for light that somebody else made.
 
+mod blocks;
 mod chain;
 mod diffusion;
 mod exposing;

@@ -42,15 +42,15 @@ impl Isa {
     }
 }
 
-/// Declares `$name(isa, …)`, which runs the `#[inline(always)]` function `$body` compiled for `isa`; `$wide` in its
-/// place where there is AVX2 or more.
+/// Declares `$name(isa, …)`, which runs the `#[inline(always)]` function `$body` compiled for `isa`; in its place `$wide` where
+/// there is AVX2, and `$widest` where there is AVX-512.
 macro_rules! dispatched {
     ($(#[$meta:meta])* $visibility:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:expr) => {
         $crate::simd::dispatched!(
-            $(#[$meta])* $visibility fn $name($($arg: $type),*) $(-> $out)? = $body, wide $body
+            $(#[$meta])* $visibility fn $name($($arg: $type),*) $(-> $out)? = $body, wide $body, widest $body
         );
     };
-    ($(#[$meta:meta])* $visibility:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:expr, wide $wide:expr) => {
+    ($(#[$meta:meta])* $visibility:vis fn $name:ident($($arg:ident: $type:ty),* $(,)?) $(-> $out:ty)? = $body:expr, wide $wide:expr, widest $widest:expr) => {
         $(#[$meta])*
         #[allow(clippy::too_many_arguments, reason = "it passes on what the body takes")]
         $visibility fn $name(isa: $crate::simd::Isa, $($arg: $type),*) $(-> $out)? {
@@ -64,7 +64,7 @@ macro_rules! dispatched {
                 #[target_feature(enable = "avx512f,avx512bw,avx512dq,avx512vl")]
                 #[allow(clippy::too_many_arguments, reason = "it passes on what the body takes")]
                 fn avx512($($arg: $type),*) $(-> $out)? {
-                    $wide($($arg),*)
+                    $widest($($arg),*)
                 }
                 match isa {
                     $crate::simd::Isa::Portable => {}

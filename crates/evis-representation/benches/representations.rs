@@ -1,6 +1,6 @@
 //! How fast events become dense arrays, beside a plain loop that scatters them.
 //!
-//! `cargo bench --profile release -p evis-representation` prints Markdown. A million random events, sorted by time, at
+//! `cargo bench --profile release -p evis-representation` prints Markdown; `-- NAME` only what begins so. A million random events, sorted by time, at
 //! 640 × 480. The plain loop trusts its events: it checks nothing, and allocates its array as the others do. Runs of all rows
 //! take turns, and each row counts with its least time on the processor: what else shares the machine disturbs few of them.
 #![allow(clippy::unwrap_used, reason = "a benchmark may panic")]
@@ -115,6 +115,9 @@ fn main() {
         Row::new("binary stack, 8 parts", || drop(black_box(binary_stack(black_box(&slice), 8)))),
         Row::new("Bina-Rep, 1 frame of 8 bits", || drop(black_box(bina_rep(black_box(&slice), 1, 8)))),
     ];
+    if let Some(wanted) = std::env::args().skip(1).find(|argument| !argument.starts_with('-')) {
+        rows.retain(|row| row.name.starts_with("plain") || row.name.starts_with(&wanted));
+    }
     let clock = Clock(Instant::now());
     for _ in 0..REPETITIONS {
         for row in &mut rows {

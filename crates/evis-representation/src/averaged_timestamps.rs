@@ -2,7 +2,7 @@
 
 use crate::array::Array;
 use crate::error::Error;
-use crate::slice::Slice;
+use crate::slice::{Slice, plane};
 
 /// The mean time of the events of each polarity and pixel, shape (2, height, width), OFF first: 0 at t0, 1 at t1, and
 /// `empty` where there is none.
@@ -24,7 +24,7 @@ pub fn averaged_timestamps(slice: &Slice<'_>, empty: f32) -> Result<Array<f32>, 
     slice.blocks(|block| {
         for event in block {
             let pixel = usize::from(event.y) * width + usize::from(event.x);
-            let (sum, count) = &mut sums.data[usize::from(event.p > 0) * pixels + pixel];
+            let (sum, count) = &mut sums.data[plane(event) * pixels + pixel];
             *count += 1;
             *sum += (event.t - start_us) as f64;
         }

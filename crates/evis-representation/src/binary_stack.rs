@@ -2,7 +2,7 @@
 
 use crate::array::Array;
 use crate::error::Error;
-use crate::slice::Slice;
+use crate::slice::{Slice, plane};
 
 /// Most bits of a frame: what a float32 holds exactly.
 pub const MOST_BITS: usize = 24;
@@ -72,7 +72,7 @@ fn for_each_part(slice: &Slice<'_>, parts: usize, mut mark: impl FnMut(usize, us
                 next_us = first_us(part + 1);
             }
             let pixel = usize::from(event.y) * width + usize::from(event.x);
-            mark(part, usize::from(event.p > 0) * pixels + pixel);
+            mark(part, plane(event) * pixels + pixel);
         }
     })
 }

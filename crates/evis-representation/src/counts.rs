@@ -2,7 +2,7 @@
 
 use crate::array::Array;
 use crate::error::Error;
-use crate::slice::Slice;
+use crate::slice::{Slice, plane};
 
 /// Events per polarity and pixel, shape (2, height, width), OFF first.
 ///
@@ -19,7 +19,7 @@ pub fn counts(slice: &Slice<'_>) -> Result<Array<i32>, Error> {
     slice.blocks(|block| {
         for event in block {
             let pixel = usize::from(event.y) * width + usize::from(event.x);
-            numbers[usize::from(event.p > 0) * pixels + pixel] += 1;
+            numbers[plane(event) * pixels + pixel] += 1;
         }
     })?;
     Ok(counts)

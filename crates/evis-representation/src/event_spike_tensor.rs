@@ -43,7 +43,7 @@ pub fn event_spike_tensor(slice: &Slice<'_>, bins: usize, measure: Measure) -> R
     match measure {
         Measure::Time => scatter::<true>(slice, bins, grid, |place, _| (place * share) as f32),
         Measure::Count => scatter::<true>(slice, bins, grid, |_, _| 1.0),
-        Measure::Polarity => scatter::<true>(slice, bins, grid, |_, on| sign(on)),
+        Measure::Polarity => scatter::<true>(slice, bins, grid, |_, plane| sign(plane)),
     }?;
     Ok(tensor)
 }

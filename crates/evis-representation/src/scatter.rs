@@ -2,15 +2,15 @@
 
 use crate::array::Array;
 use crate::error::Error;
-use crate::slice::{Clock, Slice};
+use crate::slice::{Clock, Slice, plane};
 
 /// Adds all events of `slice` to `grid`, zeros in `bins` planes of pixels, or twice as many, OFF first, where `SPLIT`. An event at
-/// `place`, from 0 to bins - 1, adds `worth(place, on)` times its nearness to the bins before and after it.
+/// `place`, from 0 to bins - 1, adds `worth(place, plane)` times its nearness to the bins before and after it.
 pub(crate) fn scatter<const SPLIT: bool>(
     slice: &Slice<'_>,
     bins: usize,
     grid: &mut [f32],
-    worth: impl Fn(f64, bool) -> f32,
+    worth: impl Fn(f64, usize) -> f32,
 ) -> Result<(), Error> {
     let (width, pixels, last) = (slice.width(), slice.pixels(), bins - 1);
     let clock = Clock::new(slice, last)?;
@@ -27,11 +27,11 @@ pub(crate) fn scatter<const SPLIT: bool>(
     if slice.len() < pixels * last / 4 {
         return slice.blocks(|block| {
             for event in block {
-                let on = event.p > 0;
+                let polarity = plane(event);
                 let Moment { place, bin, later, .. } = moment(event.t);
-                let worth = worth(place, on);
-                let plane = bin + usize::from(SPLIT && on) * bins;
-                let voxel = plane * pixels + usize::from(event.y) * width + usize::from(event.x);
+                let worth = worth(place, polarity);
+                let first = bin + usize::from(SPLIT) * polarity * bins;
+                let voxel = first * pixels + usize::from(event.y) * width + usize::from(event.x);
                 grid[voxel] += worth * (1.0 - later);
                 if bin < last {
                     grid[voxel + pixels] += worth * later;
@@ -43,14 +43,14 @@ pub(crate) fn scatter<const SPLIT: bool>(
     let mut current = 0;
     slice.blocks(|block| {
         for event in block {
-            let on = event.p > 0;
+            let polarity = plane(event);
             let Moment { place, bin, later, .. } = moment(event.t);
             while current < bin {
                 pass(&mut pairs, current, bins, pixels, grid);
                 current += 1;
             }
-            let worth = worth(place, on);
-            let from = usize::from(SPLIT && on) * pixels;
+            let worth = worth(place, polarity);
+            let from = usize::from(SPLIT) * polarity * pixels;
             let pair = &mut pairs[from + usize::from(event.y) * width + usize::from(event.x)];
             *pair = [pair[0] + worth * (1.0 - later), pair[1] + worth * later];
         }
@@ -92,7 +92,7 @@ fn pass(pairs: &mut [[f32; 2]], bin: usize, bins: usize, pixels: usize, grid: &m
     }
 }
 
-/// 1 for ON and -1 for OFF, as arithmetic: polarities are random, and a branch on them is often guessed wrong.
-pub(crate) fn sign(on: bool) -> f32 {
-    2.0 * f32::from(u8::from(on)) - 1.0
+/// 1 for ON and -1 for OFF, of the [`plane`] of a polarity. Bits, and no choice, for the same reason.
+pub(crate) fn sign(plane: usize) -> f32 {
+    f32::from_bits(1.0_f32.to_bits() | ((plane as u32 ^ 1) << 31))
 }

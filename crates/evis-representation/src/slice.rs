@@ -163,6 +163,13 @@ impl<'a> Slice<'a> {
     }
 }
 
+/// The plane of an event that was handed out: 1 for ON, 0 for OFF. Polarities are random, and a branch on them is guessed wrong
+/// half of the time; the compiler makes one of a comparison, and cannot of this arithmetic.
+#[inline(always)]
+pub(crate) fn plane(event: &Event) -> usize {
+    usize::from(event.p.wrapping_add(1) as u16 >> 1)
+}
+
 /// A part of time from 0 at the start of a span to 1 at its end, times `steps`.
 pub(crate) struct Clock {
     start_us: i64,
@@ -182,5 +189,22 @@ impl Clock {
     pub(crate) fn at(&self, t_us: i64) -> f64 {
         // Multiplied first, so that it is exact at the end.
         (t_us - self.start_us) as f64 * self.steps / self.span_us
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evis_core::Polarity;
+
+    use super::*;
+
+    #[test]
+    fn planes_are_those_of_polarities() {
+        let plane_of = |p| {
+            let mut event = Event::new(0, 0, 0, Polarity::Off);
+            event.p = p;
+            plane(&event)
+        };
+        assert_eq!([-1, 0, 1].map(plane_of), [0, 0, 1]);
     }
 }

@@ -4,7 +4,7 @@ use evis_core::event::MOST_T_US;
 
 use crate::array::Array;
 use crate::error::Error;
-use crate::slice::Slice;
+use crate::slice::{Slice, plane};
 
 /// How a time surface falls with the age of a pixel's last event.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -76,7 +76,7 @@ pub fn time_surfaces(
                 draw(at, surface, &last_us);
             }
             let pixel = usize::from(event.y) * width + usize::from(event.x);
-            last_us[usize::from(event.p > 0) * pixels + pixel] = event.t;
+            last_us[plane(event) * pixels + pixel] = event.t;
         }
     })?;
     for (at, surface) in left {

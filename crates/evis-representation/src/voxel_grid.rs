@@ -35,7 +35,7 @@ pub fn voxel_grid(slice: &Slice<'_>, bins: usize, polarities: Polarities) -> Res
     let shape = [2, bins, slice.height(), slice.width()];
     let mut grid = Array::zeros(if polarities == Polarities::Split { &shape } else { &shape[1..] })?;
     match polarities {
-        Polarities::Signed => scatter::<false>(slice, bins, &mut grid.data, |_, on| sign(on)),
+        Polarities::Signed => scatter::<false>(slice, bins, &mut grid.data, |_, plane| sign(plane)),
         Polarities::Split => scatter::<true>(slice, bins, &mut grid.data, |_, _| 1.0),
     }?;
     Ok(grid)

@@ -6,6 +6,7 @@
 //! lower end is kept, since the upper one is a fixed ratio above: what a silent pixel moves through memory is the frame,
 //! that end, and the copy of the frame.
 
+use super::blocks::Blocks;
 use super::frames::{BLOCK, Codes, Source, copy, copy_plain, margin};
 use super::numbering::Numbering;
 use super::order::Record;
@@ -70,14 +71,17 @@ pub(crate) trait Domain {
     /// Whether the upper end of a range is kept; else it follows from the lower one, which is then given for both.
     const UPPER: bool;
     /// Puts 64 pixels from `first` into `out`, [`Value::MISSING`] beyond the frame's end; gives as bits which are not in
-    /// their range. NaN is in none, nor is what no light can be. `WIDE`: the caller is compiled for AVX2 at least.
-    fn load<const WIDE: bool>(
+    /// their range. NaN is in none, nor is what no light can be. `LANES`: how many floats one instruction of what the caller
+    /// is compiled for takes: 8 with AVX2, 16 with AVX-512, 1 with neither.
+    fn load<const LANES: usize>(
         &self,
         first: usize,
         low: &[Self::Value; BLOCK],
         high: &[Self::Value; BLOCK],
         out: &mut [Self::Value; BLOCK],
     ) -> u64;
+    /// What was loaded can be read by every thread.
+    fn finish<const LANES: usize>(&self) {}
     /// The first half of the way to the logarithm: a look-up, pixel by pixel.
     fn pick(&self, value: Self::Value) -> f32;
     /// The second half: arithmetic, many pixels at once.
@@ -103,8 +107,10 @@ pub(crate) struct Any<'a>(pub Source<'a>, pub f32);
 pub(crate) trait Load {
     /// As [`Domain::tie`].
     fn tie(&self) -> f32;
+    /// As [`Domain::finish`].
+    fn finish<const LANES: usize>(&self) {}
     /// As [`Domain::load`]; `span` is `eps`, and the ratio of a range's ends.
-    fn load<const WIDE: bool>(
+    fn load<const LANES: usize>(
         &self,
         first: usize,
         low: &[f32; BLOCK],
@@ -113,13 +119,33 @@ pub(crate) trait Load {
     ) -> u64;
 }
 
+/// Pixels of frames that are copied past the caches where they are silent: caches do not hold them until they are read again.
+#[cfg(target_arch = "x86_64")]
+const STREAMED: usize = 1 << 19;
+
+#[cfg(target_arch = "x86_64")]
+impl Linear<'_> {
+    #[inline(always)]
+    const fn streams(&self) -> bool {
+        self.values.len() >= STREAMED
+    }
+}
+
 impl Load for Linear<'_> {
+    #[inline(always)]
+    fn finish<const LANES: usize>(&self) {
+        #[cfg(target_arch = "x86_64")]
+        if LANES >= 16 && self.streams() {
+            // SAFETY: every processor of this target has it.
+            unsafe { std::arch::x86_64::_mm_sfence() };
+        }
+    }
     #[inline(always)]
     fn tie(&self) -> f32 {
         0.0
     }
     #[inline(always)]
-    fn load<const WIDE: bool>(
+    fn load<const LANES: usize>(
         &self,
         first: usize,
         low: &[f32; BLOCK],
@@ -128,9 +154,16 @@ impl Load for Linear<'_> {
     ) -> u64 {
         let inverse = self.inverse_reference;
         #[cfg(target_arch = "x86_64")]
-        if WIDE && let Some(values) = self.values.get(first..).and_then(|rest| rest.first_chunk()) {
-            // SAFETY: `WIDE` promises AVX2.
-            return unsafe { wide::light_outside(values, inverse, low, eps, reach, out) };
+        if LANES > 1
+            && let Some(values) = self.values.get(first..).and_then(|rest| rest.first_chunk())
+        {
+            // SAFETY: so many lanes are those of AVX-512, and of AVX2.
+            return unsafe {
+                match LANES {
+                    16.. => widest::light_outside(values, (inverse, self.streams()), low, eps, reach, out),
+                    _ => wide::light_outside(values, inverse, low, eps, reach, out),
+                }
+            };
         }
         copy(self.values, first, f32::NAN, out, |light| light * inverse);
         light_outside(out, low, eps, reach)
@@ -143,7 +176,7 @@ impl Load for Any<'_> {
         self.0.tie()
     }
     #[inline(always)]
-    fn load<const WIDE: bool>(
+    fn load<const LANES: usize>(
         &self,
         first: usize,
         low: &[f32; BLOCK],
@@ -189,14 +222,18 @@ impl<L: Load> Domain for Light<L> {
     type Value = f32;
     const UPPER: bool = false;
     #[inline(always)]
-    fn load<const WIDE: bool>(
+    fn load<const LANES: usize>(
         &self,
         first: usize,
         low: &[f32; BLOCK],
         _: &[f32; BLOCK],
         out: &mut [f32; BLOCK],
     ) -> u64 {
-        self.load.load::<WIDE>(first, low, (self.eps, self.reach), out)
+        self.load.load::<LANES>(first, low, (self.eps, self.reach), out)
+    }
+    #[inline(always)]
+    fn finish<const LANES: usize>(&self) {
+        self.load.finish::<LANES>();
     }
     #[inline(always)]
     fn pick(&self, value: f32) -> f32 {
@@ -230,7 +267,7 @@ impl Domain for Logs<'_> {
     type Value = f32;
     const UPPER: bool = true;
     #[inline(always)]
-    fn load<const WIDE: bool>(
+    fn load<const LANES: usize>(
         &self,
         first: usize,
         low: &[f32; BLOCK],
@@ -238,7 +275,7 @@ impl Domain for Logs<'_> {
         out: &mut [f32; BLOCK],
     ) -> u64 {
         copy_plain(self.0, first, f32::NAN, out);
-        floats_outside::<WIDE>(out, low, high)
+        floats_outside::<LANES>(out, low, high)
     }
     #[inline(always)]
     fn pick(&self, value: f32) -> f32 {
@@ -264,10 +301,10 @@ impl Domain for Logs<'_> {
 }
 
 #[inline(always)]
-fn floats_outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
+fn floats_outside<const LANES: usize>(values: &[f32; BLOCK], low: &[f32; BLOCK], high: &[f32; BLOCK]) -> u64 {
     #[cfg(target_arch = "x86_64")]
-    if WIDE {
-        // SAFETY: `WIDE` promises AVX2.
+    if LANES > 1 {
+        // SAFETY: more than one lane promises AVX2.
         return unsafe { wide::floats_outside(values, low, high) };
     }
     let mut outside = [0; BLOCK];
@@ -278,10 +315,10 @@ fn floats_outside<const WIDE: bool>(values: &[f32; BLOCK], low: &[f32; BLOCK], h
 }
 
 #[inline(always)]
-fn bytes_outside<const WIDE: bool>(values: &[u8; BLOCK], low: &[u8; BLOCK], high: &[u8; BLOCK]) -> u64 {
+fn bytes_outside<const LANES: usize>(values: &[u8; BLOCK], low: &[u8; BLOCK], high: &[u8; BLOCK]) -> u64 {
     #[cfg(target_arch = "x86_64")]
-    if WIDE {
-        // SAFETY: `WIDE` promises AVX2.
+    if LANES > 1 {
+        // SAFETY: more than one lane promises AVX2.
         return unsafe { wide::bytes_outside(values, low, high) };
     }
     let mut outside = [0; BLOCK];
@@ -292,12 +329,67 @@ fn bytes_outside<const WIDE: bool>(values: &[u8; BLOCK], low: &[u8; BLOCK], high
 }
 
 #[inline(always)]
-fn words_outside<const WIDE: bool>(values: &[u16; BLOCK], low: &[u16; BLOCK], high: &[u16; BLOCK]) -> u64 {
+fn words_outside<const LANES: usize>(values: &[u16; BLOCK], low: &[u16; BLOCK], high: &[u16; BLOCK]) -> u64 {
     let mut outside = [0; BLOCK];
     for i in 0..BLOCK {
         outside[i] = u8::from(values[i] < low[i]) | u8::from(values[i] > high[i]);
     }
     bits_of(&outside)
+}
+
+/// With AVX-512.
+#[cfg(target_arch = "x86_64")]
+mod widest {
+    use std::arch::x86_64::{
+        _CMP_GE_OQ, _CMP_LE_OQ, _mm512_add_ps, _mm512_cmp_ps_mask, _mm512_loadu_ps, _mm512_mask_cmp_ps_mask,
+        _mm512_mul_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_stream_ps,
+    };
+
+    use super::BLOCK;
+
+    /// As [`super::wide::light_outside`]; past the caches where `streams`, `out` begins at a cache line, and all is inside. Then
+    /// [`std::arch::x86_64::_mm_sfence`] must follow before another thread reads it.
+    #[target_feature(enable = "avx512f")]
+    #[inline]
+    pub(super) fn light_outside(
+        values: &[f32; BLOCK],
+        (inverse, streams): (f32, bool),
+        low: &[f32; BLOCK],
+        eps: f32,
+        reach: f32,
+        out: &mut [f32; BLOCK],
+    ) -> u64 {
+        const PARTS: usize = BLOCK / 16;
+        let (inverse, eps, reach) = (_mm512_set1_ps(inverse), _mm512_set1_ps(eps), _mm512_set1_ps(reach));
+        let zero = _mm512_setzero_ps();
+        let mut light = [zero; PARTS];
+        let mut inside = 0_u64;
+        for (i, light) in light.iter_mut().enumerate() {
+            // SAFETY: each reads the 16 floats that are there: sixteens of arrays of 64, the last of which begins at 48.
+            let (values, low) = unsafe {
+                (_mm512_loadu_ps(values.as_ptr().add(16 * i)), _mm512_loadu_ps(low.as_ptr().add(16 * i)))
+            };
+            *light = _mm512_mul_ps(values, inverse);
+            let shifted = _mm512_add_ps(*light, eps);
+            let possible = _mm512_cmp_ps_mask::<_CMP_GE_OQ>(*light, zero);
+            let above = _mm512_mask_cmp_ps_mask::<_CMP_GE_OQ>(possible, shifted, low);
+            let all = _mm512_mask_cmp_ps_mask::<_CMP_LE_OQ>(above, shifted, _mm512_mul_ps(low, reach));
+            inside |= u64::from(all) << (16 * i);
+        }
+        let out = out.as_mut_ptr();
+        if streams && inside == u64::MAX && out.addr().is_multiple_of(64) {
+            for (i, light) in light.into_iter().enumerate() {
+                // SAFETY: it writes the 16 floats that are there, which begin at a cache line.
+                unsafe { _mm512_stream_ps(out.add(16 * i), light) };
+            }
+        } else {
+            for (i, light) in light.into_iter().enumerate() {
+                // SAFETY: it writes the 16 floats that are there.
+                unsafe { _mm512_storeu_ps(out.add(16 * i), light) };
+            }
+        }
+        !inside
+    }
 }
 
 /// What the compiler does not find: comparisons straight to bits.
@@ -408,7 +500,7 @@ macro_rules! integers {
             type Value = $type;
             const UPPER: bool = true;
             #[inline(always)]
-            fn load<const WIDE: bool>(
+            fn load<const LANES: usize>(
                 &self,
                 first: usize,
                 low: &[$type; BLOCK],
@@ -416,7 +508,7 @@ macro_rules! integers {
                 out: &mut [$type; BLOCK],
             ) -> u64 {
                 copy_plain(self.0, first, 0, out);
-                $outside::<WIDE>(out, low, high)
+                $outside::<LANES>(out, low, high)
             }
             #[inline(always)]
             fn pick(&self, value: $type) -> f32 {
@@ -449,13 +541,13 @@ integers!(u16, words_outside);
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory<T> {
     /// Reference of the next event, log units; NaN where nothing was seen.
-    pub reference: Vec<f32>,
+    pub reference: Blocks<f32>,
     /// The last value, and the new one while a frame is treated.
-    pub last: Vec<T>,
-    next: Vec<T>,
+    pub last: Blocks<T>,
+    next: Blocks<T>,
     /// Range of values at which nothing fires; no upper ends where they follow from the lower ones.
-    pub low: Vec<T>,
-    pub high: Vec<T>,
+    pub low: Blocks<T>,
+    pub high: Blocks<T>,
     /// Which pixels of each block left their range in this frame.
     masks: Vec<u64>,
 }
@@ -463,14 +555,14 @@ pub(crate) struct Memory<T> {
 impl<T: Value> Memory<T> {
     /// Memory of `length` pixels that have seen nothing; `upper`: with upper ends of ranges.
     pub fn new(length: usize, upper: bool) -> Self {
-        let padded = length.next_multiple_of(BLOCK);
+        let blocks = length.div_ceil(BLOCK);
         Self {
-            reference: vec![f32::NAN; padded],
-            last: vec![T::MISSING; padded],
-            next: vec![T::MISSING; padded],
-            low: vec![T::NEVER.0; padded],
-            high: vec![T::NEVER.1; if upper { padded } else { 0 }],
-            masks: vec![0; padded / BLOCK],
+            reference: Blocks::filled(f32::NAN, blocks),
+            last: Blocks::filled(T::MISSING, blocks),
+            next: Blocks::filled(T::MISSING, blocks),
+            low: Blocks::filled(T::NEVER.0, blocks),
+            high: Blocks::filled(T::NEVER.1, if upper { blocks } else { 0 }),
+            masks: vec![0; blocks],
         }
     }
 }
@@ -478,7 +570,7 @@ impl<T: Value> Memory<T> {
 /// Finds the pixels that left their range, and puts the frame beside the last one. Gives how many are NaN, and whether
 /// one of them is impossible.
 #[inline(always)]
-fn scan_body<D: Domain, const WIDE: bool>(
+fn scan_body<D: Domain, const LANES: usize>(
     domain: &D,
     at: &Interval<'_>,
     memory: &mut Memory<D::Value>,
@@ -492,7 +584,7 @@ fn scan_body<D: Domain, const WIDE: bool>(
     let ranges = low.iter().zip(high);
     let values = last.as_chunks::<BLOCK>().0.iter().zip(next.as_chunks_mut::<BLOCK>().0);
     for (((low, high), (last, next)), mask) in ranges.zip(values).zip(masks) {
-        *mask = domain.load::<WIDE>(first, low, high, next);
+        *mask = domain.load::<LANES>(first, low, high, next);
         if *mask != 0 {
             for next in next.iter() {
                 impossible |= u8::from(D::is_impossible(*next));
@@ -508,6 +600,7 @@ fn scan_body<D: Domain, const WIDE: bool>(
         }
         first = first.wrapping_add(BLOCK);
     }
+    domain.finish::<LANES>();
     (unknown, impossible != 0)
 }
 
@@ -735,7 +828,7 @@ macro_rules! passes {
     ($scan:ident, $fire:ident, $domain:ty, $value:ty) => {
         dispatched!(
             fn $scan(domain: &$domain, at: &Interval<'_>, memory: &mut Memory<$value>) -> (u64, bool)
-                = scan_body::<_, false>, wide scan_body::<_, true>
+                = scan_body::<_, 1>, wide scan_body::<_, 8>, widest scan_body::<_, 16>
         );
         dispatched!(
             fn $fire(
