@@ -10,6 +10,9 @@ use crate::hash::Words;
 /// Vertices of a facet; a triangle repeats its last one.
 pub const CORNERS: usize = 4;
 
+/// No facet.
+pub const ALONE: u32 = u32::MAX;
+
 /// A convex planar polygon on which positions and vertex attributes are affine.
 ///
 /// Its parametrisation (s, t) is 0 at corner 0, (1, 0) at corner 1 and (0, 1) at corner 3.
@@ -86,6 +89,34 @@ pub fn facets(primitive: &Primitive, surface: u32, merge: bool) -> Vec<Facet> {
         out.push(Facet { corners, surface });
     }
     out
+}
+
+/// Per facet and edge, the facet beyond it, which has the same two vertices as `vertex` tells them apart; [`ALONE`] where there
+/// is none, or more than one.
+pub fn neighbors(facets: &[Facet], vertex: impl Fn(u32) -> u32) -> Vec<[u32; CORNERS]> {
+    let mut by_edge: HashMap<[u32; 2], u32, Words> = HashMap::default();
+    let edges = |facet: &Facet| {
+        let corners = facet.corners.map(&vertex);
+        [0, 1, 2, 3].map(|k| [corners[k], corners[(k + 1) % CORNERS]])
+    };
+    for (index, facet) in facets.iter().enumerate() {
+        for edge in edges(facet) {
+            by_edge.entry(edge).and_modify(|other| *other = ALONE).or_insert(index as u32);
+        }
+    }
+    let across = |[a, b]: [u32; 2]| {
+        let known = by_edge.get(&[a, b]).is_some_and(|own| *own != ALONE);
+        if known { by_edge.get(&[b, a]).copied().unwrap_or(ALONE) } else { ALONE }
+    };
+    facets.iter().map(|facet| edges(facet).map(across)).collect()
+}
+
+/// Per vertex of `primitive`, the first one at the same place.
+pub fn places(primitive: &Primitive) -> Vec<u32> {
+    let mut first: HashMap<[u32; 3], u32, Words> = HashMap::default();
+    // -0 and 0 are one place.
+    let key = |p: &[f32; 3]| p.map(|v| (v + 0.0).to_bits());
+    (0..).zip(&primitive.positions).map(|(index, p)| *first.entry(key(p)).or_insert(index)).collect()
 }
 
 /// Whether positions at `corners` make a convex planar polygon with affine attributes.

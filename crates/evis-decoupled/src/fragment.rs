@@ -174,6 +174,12 @@ impl Sight {
         (some, whole)
     }
 
+    /// Pixels of the tile whose centres this covers for certain.
+    pub fn centres(&self) -> u64 {
+        let edges = (0..4).map(|k| Line { a: self.a[k], b: self.b[k], c: self.c[k] });
+        edges.chain(self.near).fold(u64::MAX, |all, line| all & pixels_above(&line, 0.0, self.margin).1)
+    }
+
     /// Pixels of the tile in all of which this lies before `other`.
     pub fn pixels_before(&self, other: &Self) -> u64 {
         let d = self.inverse_depth.minus(other.inverse_depth);

@@ -36,7 +36,7 @@ pub mod texture;
 pub mod tiles;
 pub mod world;
 
-pub use limits::unsupported;
+pub use limits::{crowded, unsupported};
 pub use simulate::{Outcome, Report, Settings, luminance, luminance_of, simulate};
 pub use stream::{Cost, Piece, Stream, StreamSettings, View};
 

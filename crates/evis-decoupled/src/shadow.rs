@@ -132,10 +132,10 @@ impl Occluder {
         receivers: &[Option<Line>; 3],
         span: [f64; 2],
         view: &TileView,
-        seen: u64,
+        (seen, inner): (u64, u8),
     ) -> Reach {
-        let everywhere = Reach { touches: seen, darkens: 0, motion_px: TILE as f64 };
-        let nowhere = Reach { touches: 0, darkens: 0, motion_px: 0.0 };
+        let everywhere = Reach { touches: seen, border: seen, motion_px: TILE as f64, ..Reach::default() };
+        let nowhere = Reach::default();
         let tile = TILE as f64;
         let [Some(first), Some(middle), Some(last)] = *receivers else { return everywhere };
         let receivers = [first, middle, last];
@@ -166,14 +166,19 @@ impl Occluder {
             }
             *crossing = a.min(b).min(c) < slack && at.iter().any(|l| *l != Line::default());
         }
-        let (mut touches, mut darkens) = (seen, seen);
+        let (mut touches, mut darkens, mut inside, mut border) = (seen, seen, seen, 0);
         let mut motion_px = 0.0_f64;
-        for (at, _) in over_time.iter().zip(crossing).filter(|(_, crossing)| *crossing) {
-            let (some, whole) = pixels_of_line(at, view.margin);
+        for (k, at) in over_time.iter().enumerate().filter(|(k, _)| crossing[*k]) {
+            let (some, whole, middle) = pixels_of_line(at, view.margin);
             touches &= some;
             darkens &= whole;
+            inside &= middle;
             if touches == 0 {
                 return nowhere;
+            }
+            // Line 0 is of the facet's own plane.
+            if k == 0 || inner >> (k - 1) & 1 == 0 {
+                border |= !whole;
             }
             if !whole != 0 {
                 // An edge that comes into the tile.
@@ -182,19 +187,20 @@ impl Occluder {
                 motion_px = motion_px.max(moved.min(2.0 * tile));
             }
         }
-        Reach { touches, darkens, motion_px }
+        Reach { touches, darkens, inside: inside & touches, border: border & touches, motion_px }
     }
 }
 
-/// Pixels of a tile that may lie inside a line at some of three times, and those that lie inside it at all of them; in
+/// Pixels of a tile that may lie inside a line at some of three times, those that lie inside it at all of them, and those whose
+/// middles do at the first; in
 /// units of the tile's side. They lie elsewhere by `margin` pixels at most.
-fn pixels_of_line(at: &[Line; 3], margin: f64) -> (u64, u64) {
+fn pixels_of_line(at: &[Line; 3], margin: f64) -> (u64, u64, u64) {
     let tile = TILE as f64;
     let reach = at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + MARGIN + 2.0 * margin) / tile;
     // What rounding to 32 bits may add.
     let reach = (reach * 1.0001) as f32;
     let [p, q, r] = at.map(|l| [l.a / tile, l.b / tile, l.c].map(|v| v as f32));
-    let (mut some, mut whole) = (0, 0);
+    let (mut some, mut whole, mut middle) = (0, 0, 0);
     for y in 0..TILE {
         let down = y as f32 + 0.5 - 0.5 * TILE as f32;
         let start = [p, q, r].map(|l| l[2] + l[1] * down);
@@ -209,18 +215,23 @@ fn pixels_of_line(at: &[Line; 3], margin: f64) -> (u64, u64) {
             let place = TILE * y + 4 * half;
             some |= u64::from(most.cmpge(Vec4::ZERO).bitmask()) << place;
             whole |= u64::from(least.cmpge(Vec4::ZERO).bitmask()) << place;
+            middle |= u64::from(a.cmpge(Vec4::ZERO).bitmask()) << place;
         }
     }
-    (some, whole)
+    (some, whole, middle)
 }
 
 /// Where in a tile a shadow may come.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Reach {
     /// Pixels into which it may come.
     pub touches: u64,
     /// Pixels that it darkens throughout.
     pub darkens: u64,
+    /// Those of which it holds the middle at first.
+    pub inside: u64,
+    /// Those into which an edge of it may come beyond which no other one goes on.
+    pub border: u64,
     /// How far its edges move meanwhile, at most twice the tile's side.
     pub motion_px: f64,
 }
@@ -262,6 +273,49 @@ pub fn on_cell(occluder: [DVec3; 4], cell: [DVec3; 4], place: DVec3, weight: f64
         }
     }
     (true, darkens)
+}
+
+/// Whether the shadow of a polygon from a lamp stays off another one at all times between the start, middle and end of a block;
+/// corners in the world, the lamp's places (directions to it where `weight` is 0). What only touches stays off.
+pub fn stays_off(
+    occluder: &[[DVec3; 4]; 3],
+    receiver: &[[DVec3; 4]; 3],
+    places: &[DVec3; 3],
+    weight: f64,
+) -> bool {
+    let own: [DVec3; 3] = [0, 1, 2].map(|k| {
+        let [a, b, _, d] = occluder[k];
+        (b - a).cross(d - a)
+    });
+    let heights = [0, 1, 2].map(|k| own[k].dot(places[k] - occluder[k][0] * weight));
+    let side = -heights[0].signum();
+    // Seen from a lamp in its plane, nothing is known.
+    if heights.iter().any(|h| h * side >= 0.0) {
+        return false;
+    }
+    // Before a plane with these normals, through one of the occluder's corners, at all times.
+    let before = |normals: [DVec3; 3], corner: usize| {
+        let heights: [[f64; 4]; 3] = std::array::from_fn(|k| {
+            let normal = normals[k].normalize_or_zero();
+            receiver[k].map(|place| normal.dot(place - occluder[k][corner]))
+        });
+        let [a, b, c] = heights;
+        // A triangle's repeated corner makes a plane of nothing.
+        normals[0] != DVec3::ZERO
+            && (0..4).all(|k| {
+                let touching = TOUCHING * (1.0 + receiver[0][k].abs().max_element());
+                a[k].max(b[k]).max(c[k]) + (a[k] - 2.0 * b[k] + c[k]).abs() < touching
+            })
+    };
+    before(own.map(|normal| normal * side), 0)
+        || (0..4).any(|corner| {
+            let normals = [0, 1, 2].map(|k| {
+                let (a, b) = (occluder[k][corner], occluder[k][(corner + 1) % 4]);
+                // Inwards, since the occluder's own normal points beyond it.
+                (places[k] - a * weight).cross(a - b) * side
+            });
+            before(normals, corner)
+        })
 }
 
 /// Half planes of a shadow that cross a pixel.
@@ -575,6 +629,11 @@ impl Tree {
         self.build(items, from, from + middle);
         self.nodes[index].start = self.nodes.len() as u32;
         self.build(items, from + middle, to);
+    }
+
+    /// A sphere that holds all of it, unless it is empty.
+    pub fn whole(&self) -> Option<(DVec3, f64)> {
+        self.nodes.first().map(|node| (node.centre, node.radius))
     }
 
     /// Calls `visit` with every item.

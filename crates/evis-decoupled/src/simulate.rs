@@ -541,11 +541,15 @@ pub(crate) fn picture(
     Ok(out)
 }
 
+/// What sends less than this part of a picture's mean luminance is dark: what rounding leaves of areas that shadows cover.
+const DARK: f64 = 1e-5;
+
 /// `Y_ref` that brings the log-mean of what is lit in `picture` to 0.18.
 pub(crate) fn reference_luminance(picture: &[f64]) -> f64 {
-    let (sum, count) = picture
-        .iter()
-        .filter(|y| **y > 0.0 && y.is_finite())
+    let bright = || picture.iter().filter(|y| **y > 0.0 && y.is_finite());
+    let mean = bright().sum::<f64>() / bright().count().max(1) as f64;
+    let (sum, count) = bright()
+        .filter(|y| **y > DARK * mean)
         .fold((0.0, 0_u64), |(sum, count), y| (sum + y.ln(), count + 1));
     let reference = (sum / count.max(1) as f64).exp() / 0.18;
     if count > 0 && reference.is_finite() && reference > 0.0 { reference } else { 1.0 }

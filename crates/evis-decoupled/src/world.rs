@@ -9,7 +9,7 @@ use evis_scene::{Motion, PixelLens, Primitive, Scene, SceneState, Variant, rigid
 use glam::{DMat4, DVec3};
 
 use crate::Error;
-use crate::facets::{Facet, bounding_box, facets, wide};
+use crate::facets::{ALONE, CORNERS, Facet, bounding_box, facets, neighbors, places, wide};
 use crate::hash::Words;
 use crate::holes::Holes;
 use crate::tiles::{LensTiles, TileView};
@@ -77,6 +77,8 @@ pub struct World<'a> {
     pub clusters: Vec<Cluster>,
     /// Convex polygons, in surface order, then in that of their first triangle.
     pub facets: Vec<Facet>,
+    /// Per facet and edge, the facet of the same surface beyond it, or [`ALONE`].
+    pub neighbors: Vec<[u32; CORNERS]>,
     /// Per node: whether it may be elsewhere, or shaped otherwise, at another time.
     pub moving_nodes: Vec<bool>,
 }
@@ -133,6 +135,7 @@ impl<'a> World<'a> {
             surfaces: Vec::new(),
             clusters: Vec::new(),
             facets: Vec::new(),
+            neighbors: Vec::new(),
             moving_nodes,
         };
         for (index, node) in scene.nodes.iter().enumerate() {
@@ -154,6 +157,12 @@ impl<'a> World<'a> {
         let surface = self.surfaces.len() as u32;
         let first_cluster = self.clusters.len();
         let facets = facets(primitive, surface, !deforms);
+        let first = self.facets.len() as u32;
+        let shifted = |of: u32| if of == ALONE { ALONE } else { first + of };
+        // What is at one place in the mesh may be at several under a skeleton.
+        let places = if deforms { Vec::new() } else { places(primitive) };
+        let beyond = neighbors(&facets, |vertex| places.get(vertex as usize).copied().unwrap_or(vertex));
+        self.neighbors.extend(beyond.into_iter().map(|edges| edges.map(shifted)));
         for group in facets.chunks(CLUSTER) {
             let start = self.facets.len();
             let bounds = bounding_box(

@@ -1,5 +1,7 @@
 //! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered or analysed to choose them.
 
+use std::collections::BTreeSet;
+
 use evis_scene::{AlphaMode, Scene};
 
 use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
@@ -134,6 +136,10 @@ impl SamplingSettings {
         let decoupled = self.decoupled.filter(|decoupled| software || decoupled.beside_gpu);
         if decoupled.is_some() || gpu.is_none() {
             match evis_decoupled::unsupported(scene) {
+                None if gpu.is_some() && let Some(small) = crowded(scene, &views, config)? => notes.push(format!(
+                    "sampled by rendering: decoupled sampling would follow {small} triangles smaller than a pixel \
+                     one by one; --method decoupled does"
+                )),
                 None => {
                     config.method = Method::Decoupled;
                     if decoupled.is_none() {
@@ -197,6 +203,17 @@ impl SamplingSettings {
         }
         Ok(notes)
     }
+}
+
+/// See [`evis_decoupled::crowded`]: of the first camera for which it holds.
+fn crowded(scene: &Scene, views: &[View], config: &RunConfig) -> Result<Option<usize>, EngineError> {
+    let cameras: BTreeSet<usize> = views.iter().map(|view| view.camera).collect();
+    for camera in cameras {
+        if let Some(small) = evis_decoupled::crowded(scene, camera, config.size)? {
+            return Ok(Some(small));
+        }
+    }
+    Ok(None)
 }
 
 /// Sets the sampling of the preset that `config` names, if it names one.
