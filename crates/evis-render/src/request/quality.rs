@@ -138,7 +138,7 @@ impl SamplingSettings {
             match evis_decoupled::unsupported(scene) {
                 None if gpu.is_some() && let Some(small) = crowded(scene, &views, config)? => notes.push(format!(
                     "sampled by rendering: decoupled sampling would follow {small} triangles smaller than a pixel \
-                     one by one; --method decoupled does"
+                     one by one, as the method decoupled still does"
                 )),
                 None => {
                     config.method = Method::Decoupled;
