@@ -133,6 +133,7 @@ class EventArray(Representable):
     def _trusted(cls, array: Events, width: int, height: int) -> EventArray:
         """Wrap what the engine made, without checking it again."""
         made = object.__new__(cls)
+        # Once per frame: as _set, without the call.
         made._events, made._width, made._height = array, int(width), int(height)
         return made
 

@@ -119,14 +119,12 @@ fn rough(scene: &SceneChart) -> Option<String> {
         let events = truth.events * all / truth.pixels.max(1);
         format!("--truth-pixels all gives about {}; ", rounded(events))
     };
+    // The standard deviation of a share that so many independent events have.
+    let deviation = (0.95 * 0.05 / truth.events.max(1) as f64).sqrt();
     Some(format!(
         "{}: figures are rough: truth has few events ({}, at {} of its {} pixels, which are spread evenly over the picture): F1 \
-         0.95 would be known to ±{:.2} at best; {more}a longer --duration or another --start may give more",
-        scene.scene,
-        truth.events,
-        truth.firing,
-        truth.pixels,
-        (0.95 * 0.05 / truth.events.max(1) as f64).sqrt(),
+         0.95 would be known to ±{deviation:.2} at best; {more}a longer --duration or another --start may give more",
+        scene.scene, truth.events, truth.firing, truth.pixels,
     ))
 }
 

@@ -91,17 +91,17 @@ pub fn facets(primitive: &Primitive, surface: u32, merge: bool) -> Vec<Facet> {
     out
 }
 
-/// Per facet and edge, the facet beyond it, which has the same two vertices as `vertex` tells them apart; [`ALONE`] where there
-/// is none, or more than one.
-pub fn neighbors(facets: &[Facet], vertex: impl Fn(u32) -> u32) -> Vec<[u32; CORNERS]> {
+/// Per facet and edge, the number of the facet beyond it, counted from `first`: it has the same two vertices, as `vertex` tells
+/// them apart. [`ALONE`] where there is none, or more than one.
+pub fn neighbors(facets: &[Facet], first: u32, vertex: impl Fn(u32) -> u32) -> Vec<[u32; CORNERS]> {
     let mut by_edge: HashMap<[u32; 2], u32, Words> = HashMap::default();
     let edges = |facet: &Facet| {
         let corners = facet.corners.map(&vertex);
         [0, 1, 2, 3].map(|k| [corners[k], corners[(k + 1) % CORNERS]])
     };
-    for (index, facet) in facets.iter().enumerate() {
+    for (number, facet) in (first..).zip(facets) {
         for edge in edges(facet) {
-            by_edge.entry(edge).and_modify(|other| *other = ALONE).or_insert(index as u32);
+            by_edge.entry(edge).and_modify(|other| *other = ALONE).or_insert(number);
         }
     }
     let across = |[a, b]: [u32; 2]| {

@@ -25,7 +25,7 @@ use crate::lists::{Entry, Record};
 use crate::maps::{Map as TextureMap, MapReader, Maps};
 use crate::material::{self, Around, Lamp, Point, Response, respond};
 use crate::pages::{BEYOND_PX, Pages, Picture};
-use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree, stays_off};
+use crate::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree, misses};
 use crate::texture::{Cells, Textures};
 use crate::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
 use crate::world::{Frame, World};
@@ -559,8 +559,8 @@ impl<'a> Lighting<'a> {
         }
     }
 
-    /// Bits of edges of `facet` beyond which another one throws the shadow of lamp `number` further.
-    fn shadow_goes_on(&self, facet: u32, number: usize) -> u8 {
+    /// Bits of the edges of `facet` that are no silhouettes for lamp `number`: a neighbor that faces it alike continues the shadow.
+    fn inner_edges(&self, facet: u32, number: usize) -> u8 {
         let sides = |facet: u32| self.facing[facet as usize].map(|bits| bits >> number & 1);
         let own = sides(facet);
         let goes_on = |other: u32| {
@@ -637,8 +637,7 @@ impl<'a> Lighting<'a> {
         let facet = record.facet;
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
-        let [low, high] = slot.range;
-        let (mut receivers, mut tile_units) = (None, None);
+        let (mut receivers, mut tile_units, mut part) = (None, None, None);
         for (number, &lamp) in self.own.iter().enumerate() {
             let [a, b] = [0, 1].map(|end| &self.lamps[end][lamp]);
             if slot.lit >> number & 1 == 0 || !a.casts_shadow || slot.shades[number].dark == u64::MAX {
@@ -654,25 +653,18 @@ impl<'a> Lighting<'a> {
                 slot.still = false;
             }
             // A sphere about the part of the facet, at both ends.
-            let mut points = [DVec3::ZERO; 8];
-            for end in 0..2 {
+            let ends = [0, 1].map(|end| {
                 let corners = &self.corners[surface][end];
-                let [p, q, _, r] = f.corners.map(|c| corners[c as usize].0);
-                for k in 0..4 {
-                    let s = if k & 1 == 0 { low[0] } else { high[0] };
-                    let t = if k & 2 == 0 { low[1] } else { high[1] };
-                    points[4 * end + k] = p + (q - p) * s + (r - p) * t;
-                }
-            }
-            let whole = slot.range == [[0.0; 2], [1.0; 2]];
-            let part = if whole { self.places_of(facet) } else { self.part_of(facet, slot.range) };
+                part_between(f.corners.map(|c| corners[c as usize].0), slot.range)
+            });
+            let points = ends.as_flattened();
             let middle = points.iter().sum::<DVec3>() / 8.0;
             let (from, weight) = a.place();
             let moved = from.distance(b.place().0);
             let radius = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max) * 1.01 + moved + 1e-6;
             let beam = Beam::new(from, weight, middle, radius);
             // Where lamp and surface rest, what matters lies within flat walls.
-            let cell = [points[0], points[1], points[3], points[2]];
+            let cell = ends[0];
             let hull = (resting && beam.is_some()).then(|| Hull::before(cell, from, weight));
             match casters {
                 Casters::Moving => {
@@ -716,8 +708,11 @@ impl<'a> Lighting<'a> {
                 if id == facet || self.far[id as usize] >> number & 1 == 1 {
                     continue;
                 }
-                if !resting && stays_off(&self.places_of(id), &part, &self.lamp_places[number], weight) {
-                    continue;
+                if !resting {
+                    let part = part.get_or_insert_with(|| self.part_of(facet, slot.range));
+                    if misses(&self.places_of(id), part, &self.lamp_places[number], weight) {
+                        continue;
+                    }
                 }
                 let receivers = receivers.get_or_insert_with(|| {
                     // Where the tile does not see it, nothing is known.
@@ -726,7 +721,7 @@ impl<'a> Lighting<'a> {
                 });
                 let lamp = &self.screen_lamps[number];
                 let view = tile_units.get_or_insert_with(|| tile.view.in_units_of(TILE as f64));
-                let inner = self.shadow_goes_on(id, number);
+                let inner = self.inner_edges(id, number);
                 let found = self.occluder(id).pixels(lamp, receivers, record.u, view, (slot.touches, inner));
                 if found.touches == 0 {
                     continue;
@@ -741,7 +736,7 @@ impl<'a> Lighting<'a> {
                 tile.occluders.push((found.touches, id));
             }
             // Where no border comes, the facet's part of a pixel is dark as a whole or not at all: as the pixel's centre at
-            // first, if that is on the facet. Elsewhere what is beside the facet was not asked for.
+            // first, if that is on the facet. Elsewhere facets beside it may be missing from the candidates.
             let centres = if tile.occluders.len() > added { self.centres(record, &tile.view) } else { 0 };
             let uniform = centres & !border;
             shade.dark |= inside & uniform;
@@ -773,7 +768,7 @@ impl<'a> Lighting<'a> {
     fn find_own_occluders(
         &self,
         facet: u32,
-        [low, high]: [[f64; 2]; 2],
+        range: [[f64; 2]; 2],
         number: usize,
         weight: f64,
         found: &mut Vec<u32>,
@@ -781,20 +776,25 @@ impl<'a> Lighting<'a> {
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
         let primitive = self.world.primitive(f.surface);
-        let [p, q, _, r] = f.corners.map(|c| wide(primitive.positions[c as usize]));
-        let corners = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
-        let (centre, own) = sphere(corners.map(|[s, t]| p + (q - p) * s + (r - p) * t).into_iter());
+        let corners = f.corners.map(|c| wide(primitive.positions[c as usize]));
+        let (centre, own) = sphere(part_between(corners, range).into_iter());
         let to_lamp =
             self.own_lamps[surface][number].map(|place| (place - centre * weight).normalize_or(DVec3::Y));
         let axis = to_lamp[1];
         // How far the lamp's direction turns; an arc bulges by less than a quarter of its chord.
         let turn = 1.25 * to_lamp[0].distance(axis).max(to_lamp[2].distance(axis));
+        if turn > 0.5 {
+            self.own_facets[surface].all(|id| found.push(id));
+            return;
+        }
+        // A point at distance s in a direction d with |d - axis| <= turn lies within s turn of the axis at s, which is at most
+        // (along + reach) / (1 - turn) where a sphere meets it.
         let meets = |middle: DVec3, radius: f64| {
             let offset = middle - centre;
             let along = offset.dot(axis);
             let across = (offset - axis * along).length();
             let reach = own + radius;
-            along >= -reach && across <= reach + turn * (along.max(0.0) + reach)
+            along >= -reach && across <= reach + turn / (1.0 - turn) * (along + reach)
         };
         self.own_facets[surface].within(meets, |id| found.push(id));
     }
@@ -853,10 +853,11 @@ impl<'a> Lighting<'a> {
         [&ends[0], middle, &ends[1]].map(|corners| f.corners.map(|c| corners[c as usize].0))
     }
 
-    /// The same of the part of it between two places.
-    fn part_of(&self, facet: u32, [low, high]: [[f64; 2]; 2]) -> [[DVec3; 4]; 3] {
-        let corners = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
-        self.places_of(facet).map(|[p, q, _, r]| corners.map(|[s, t]| p + (q - p) * s + (r - p) * t))
+    /// The same of the part of it in a range of (s, t).
+    fn part_of(&self, facet: u32, range: [[f64; 2]; 2]) -> [[DVec3; 4]; 3] {
+        let places = self.places_of(facet);
+        let whole = range == [[0.0; 2], [1.0; 2]];
+        if whole { places } else { places.map(|corners| part_between(corners, range)) }
     }
 
     fn occluder(&self, facet: u32) -> &Occluder {
@@ -1598,6 +1599,12 @@ fn sphere(points: impl Iterator<Item = DVec3> + Clone) -> (DVec3, f64) {
     (0.5 * (low + high), 0.5 * (high - low).length())
 }
 
+/// The part of a facet with these corners in a range of (s, t).
+fn part_between([p, q, _, r]: [DVec3; 4], [low, high]: [[f64; 2]; 2]) -> [DVec3; 4] {
+    let corners = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
+    corners.map(|[s, t]| p + (q - p) * s + (r - p) * t)
+}
+
 fn shard_of(key: &Key) -> usize {
     (Words::default().hash_one(key) >> 32) as usize % SHARDS
 }
@@ -1667,9 +1674,11 @@ mod tests {
         nothing_that_darkens_is_left_out(&of("warehouse"), (96, 72), 630_784.0, 3);
         nothing_that_darkens_is_left_out(&of("desk"), (640, 480), 8_192.0, 16);
         nothing_that_darkens_is_left_out(&dented(of("desk")), (640, 480), 8_192.0, 16);
+        let fast = evis_scene::Scene { speed: Some(4.0), ..dented(of("desk")) };
+        nothing_that_darkens_is_left_out(&fast, (640, 480), 8_192.0, 16);
     }
 
-    /// Looks at one of so many tiles in a block from `start_us` on.
+    /// Compares every `tiles`-th tile in a block that begins at `start_us`.
     fn nothing_that_darkens_is_left_out(
         scene: &evis_scene::Scene,
         size: (u32, u32),
@@ -1677,7 +1686,8 @@ mod tests {
         tiles: usize,
     ) {
         let world = World::new(scene, 0, Some(size)).unwrap();
-        let block = Block { start_us, end_us: start_us + 8192.0, jump: false };
+        let end_us = start_us + world.block_us(8192) as f64;
+        let block = Block { start_us, end_us, jump: false };
         let mut clock = Clock::new(&world, block);
         let lists = Lists::new(&world, &mut clock).unwrap();
         let mut lighting = Lighting::new(&world, &Shared::new(scene));

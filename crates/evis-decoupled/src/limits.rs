@@ -45,15 +45,13 @@ pub fn crowded(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result
         scene.meshes.get(mesh).map_or(0, |m| m.primitives.iter().map(|p| p.indices.len() / 3).sum())
     };
     let all: usize = scene.nodes.iter().filter_map(|node| node.mesh).map(triangles_of).sum();
-    if all <= FEW_SMALL {
-        return Ok(None);
-    }
-    let world = World::new(scene, camera, size)?;
-    let pixels = f64::from(world.lens.width) * f64::from(world.lens.height);
+    let lens = scene.pixel_lens(None, camera, size, 0.0)?;
+    let pixels = f64::from(lens.width) * f64::from(lens.height);
     let most = FEW_SMALL.max((SMALL_PER_PIXEL * pixels) as usize);
     if all <= most {
         return Ok(None);
     }
+    let world = World::new(scene, camera, size)?;
     let frame = world.frame(0.0)?;
     let [left, top, right, bottom] = world.seen();
     let mut small = 0;
@@ -80,6 +78,7 @@ pub fn crowded(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::facets::{bounding_box, wide};
 
     #[test]
     fn built_in_scenes_can_be_shown_and_what_cannot_is_named() {
@@ -103,9 +102,7 @@ mod tests {
         // The card as a grid of `n` by `n` squares.
         let grid = |n: u32| {
             let mut fine = evis_scene::Primitive { material: card.material, ..Default::default() };
-            let p = [0, 1, 2, 3].map(|k| DVec3::from_array(card.positions[k].map(f64::from)));
-            let (low, high) = (p.into_iter().reduce(DVec3::min), p.into_iter().reduce(DVec3::max));
-            let (low, high) = (low.unwrap(), high.unwrap());
+            let [low, high] = bounding_box(card.positions.iter().map(|p| wide(*p)));
             for (j, i) in (0..=n).flat_map(|j| (0..=n).map(move |i| (j, i))) {
                 let at = DVec3::new(f64::from(i), f64::from(j), 0.0) / f64::from(n);
                 fine.positions.push((low + (high - low) * at).as_vec3().to_array());

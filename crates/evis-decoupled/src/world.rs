@@ -9,7 +9,7 @@ use evis_scene::{Motion, PixelLens, Primitive, Scene, SceneState, Variant, rigid
 use glam::{DMat4, DVec3};
 
 use crate::Error;
-use crate::facets::{ALONE, CORNERS, Facet, bounding_box, facets, neighbors, places, wide};
+use crate::facets::{CORNERS, Facet, bounding_box, facets, neighbors, places, wide};
 use crate::hash::Words;
 use crate::holes::Holes;
 use crate::tiles::{LensTiles, TileView};
@@ -77,7 +77,7 @@ pub struct World<'a> {
     pub clusters: Vec<Cluster>,
     /// Convex polygons, in surface order, then in that of their first triangle.
     pub facets: Vec<Facet>,
-    /// Per facet and edge, the facet of the same surface beyond it, or [`ALONE`].
+    /// Per facet and edge, the facet of the same surface beyond it, or [`crate::facets::ALONE`].
     pub neighbors: Vec<[u32; CORNERS]>,
     /// Per node: whether it may be elsewhere, or shaped otherwise, at another time.
     pub moving_nodes: Vec<bool>,
@@ -157,12 +157,10 @@ impl<'a> World<'a> {
         let surface = self.surfaces.len() as u32;
         let first_cluster = self.clusters.len();
         let facets = facets(primitive, surface, !deforms);
-        let first = self.facets.len() as u32;
-        let shifted = |of: u32| if of == ALONE { ALONE } else { first + of };
+        let places = places(primitive);
         // What is at one place in the mesh may be at several under a skeleton.
-        let places = if deforms { Vec::new() } else { places(primitive) };
-        let beyond = neighbors(&facets, |vertex| places.get(vertex as usize).copied().unwrap_or(vertex));
-        self.neighbors.extend(beyond.into_iter().map(|edges| edges.map(shifted)));
+        let vertex = |v: u32| if deforms { v } else { places.get(v as usize).copied().unwrap_or(v) };
+        self.neighbors.extend(neighbors(&facets, self.facets.len() as u32, vertex));
         for group in facets.chunks(CLUSTER) {
             let start = self.facets.len();
             let bounds = bounding_box(
@@ -179,7 +177,7 @@ impl<'a> World<'a> {
             deforms,
             moves: self.moving_nodes[node],
             double_sided: material.double_sided,
-            closed: is_closed(primitive),
+            closed: is_closed(&primitive.indices, &places),
             clusters: first_cluster..self.clusters.len(),
             bounds: bounding_box(primitive.positions.iter().map(|p| wide(*p))),
         });
@@ -343,13 +341,11 @@ pub fn normal_under(matrix: &DMat4, normal: DVec3) -> DVec3 {
     (carried * sign).normalize_or(DVec3::Z)
 }
 
-/// Whether each directed edge, by the positions of its ends, has one against it.
-fn is_closed(primitive: &Primitive) -> bool {
-    let mut open: HashMap<[[u32; 3]; 2], i64, Words> = HashMap::default();
-    // -0 and 0 are one place.
-    let place = |i: u32| primitive.positions.get(i as usize).map(|p| p.map(|v| (v + 0.0).to_bits()));
-    for t in primitive.indices.as_chunks::<3>().0 {
-        let [Some(a), Some(b), Some(c)] = t.map(place) else { return false };
+/// Whether each directed edge of triangles, by the `places` of its ends, has one against it.
+fn is_closed(indices: &[u32], places: &[u32]) -> bool {
+    let mut open: HashMap<[u32; 2], i64, Words> = HashMap::default();
+    for t in indices.as_chunks::<3>().0 {
+        let [Some(a), Some(b), Some(c)] = t.map(|v| places.get(v as usize).copied()) else { return false };
         for (from, to) in [(a, b), (b, c), (c, a)] {
             if from != to {
                 *open.entry([from, to]).or_default() += 1;
@@ -421,12 +417,13 @@ mod tests {
         let mut painted = corners(0.0);
         painted.uvs[0] = Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.7]]);
         assert_eq!(facets(&painted, 0, true).len(), 2, "no affine map");
-        assert!(!is_closed(&corners(0.0)));
+        let closed = |primitive: &Primitive| is_closed(&primitive.indices, &places(primitive));
+        assert!(!closed(&corners(0.0)));
         let solid = evis_scene::primitive::Shape::Box { size: [1.0; 3] }.build(None, [1.0, 1.0]).unwrap();
-        assert!(is_closed(&solid), "a box");
+        assert!(closed(&solid), "a box");
         let mut holed = solid;
         holed.indices.truncate(33);
-        assert!(!is_closed(&holed), "a box without a triangle");
+        assert!(!closed(&holed), "a box without a triangle");
         let order = facets(&corners(0.0), 0, true)[0].corners;
         let p = order.map(|c| wide(corners(0.0).positions[c as usize]));
         assert!((p[1] - p[0]).cross(p[3] - p[0]).z > 0.0, "{order:?} is counter-clockwise");

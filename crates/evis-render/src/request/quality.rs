@@ -1,4 +1,5 @@
-//! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered or analysed to choose them.
+//! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered to choose them; what is looked at
+//! is whether the method can show the scene, and whether its triangles are far smaller than pixels.
 
 use std::collections::BTreeSet;
 
