@@ -229,3 +229,31 @@ def test_code_of_the_documents_runs(device: evis.Device, page: str, tmp_path: Pa
         done = run_code(code, tmp_path)
         assert done.returncode == 0, done.stderr
         assert len(done.stdout.splitlines()) >= 2
+
+
+def test_arrays_of_the_simulator_are_observations(device: evis.Device) -> None:
+    kind = Dense("voxel_grid", bins=3)
+    seen = []
+    for more in ({"dense": kind}, {}):
+        sim = simulator(device, 2, **more)
+        env = EventVectorEnv(sim, Push(2), observation=None if more else kind)
+        observations, infos = env.reset(seed=5)
+        assert ("events" in infos) == (not more)
+        seen.append([observations])
+        for action in (0.5, -1.0, 1.0):
+            observations, _, _, _, infos = env.step(np.full((2, 1), action, np.float32))
+            assert ("events" in infos) == (not more)
+            seen[-1].append(observations)
+    for own, of in zip(*seen, strict=True):
+        np.testing.assert_allclose(own, of, atol=2e-5)
+    assert np.abs(seen[0]).sum() > 10
+    single = EventEnv(simulator(device, 1, dense=kind), Push(1))
+    assert "events" not in single.reset(seed=1)[1]
+    assert single.step(np.ones(1, np.float32))[0].shape == (3, *SIZE[::-1])
+
+
+def test_arrays_of_the_simulator_fix_observation_and_step(device: evis.Device) -> None:
+    with pytest.raises(evis.ConfigError, match="in the place of events"):
+        EventEnv(simulator(device, 1, dense="counts"), Push(1), observation="event_frame")
+    with pytest.raises(evis.ConfigError, match="step_us=20000"):
+        EventEnv(simulator(device, 1, dense="counts", dense_window_us=20_000), Push(1))

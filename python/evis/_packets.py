@@ -183,6 +183,44 @@ class Labels:
 
 
 @dataclass(frozen=True, slots=True)
+class DenseWindows:
+    """Dense arrays of the windows of time that end in a packet; see ``dense`` of `Simulator`.
+
+    Attributes
+    ----------
+    start_us, end_us : numpy.ndarray
+        int64 (K,), when each window begins and ends, microseconds since the stream's start.
+    arrays : tuple of numpy.ndarray
+        K arrays, each as the function of `evis.representations` makes it of the window's events; never
+        copied.
+    """
+
+    start_us: npt.NDArray[np.int64]
+    end_us: npt.NDArray[np.int64]
+    arrays: tuple[npt.NDArray[Any], ...]
+
+    def __len__(self) -> int:
+        """Count the windows."""
+        return len(self.arrays)
+
+    def __iter__(self) -> Iterator[npt.NDArray[Any]]:
+        """Iterate over the arrays."""
+        return iter(self.arrays)
+
+    def __getitem__(self, index: int) -> npt.NDArray[Any]:
+        """Return the array of a window."""
+        return self.arrays[index]
+
+    def __repr__(self) -> str:
+        """Say how many, of which shape, and when."""
+        if not len(self):
+            return "DenseWindows(0 windows)"
+        array = self.arrays[0]
+        when = f"{self.start_us[0]} to {self.end_us[-1]} us"
+        return f"DenseWindows({len(self)} windows of {array.dtype} {array.shape}, {when})"
+
+
+@dataclass(frozen=True, slots=True)
 class View(EventCarrier):
     """One camera of one environment, during a packet.
 
@@ -194,8 +232,6 @@ class View(EventCarrier):
         Index of the environment.
     camera : CameraInfo
         The camera, with the lens that it has in this environment.
-    events : EventArray
-        Sorted by (t, y, x); holds the engine's memory, never copied.
     labels : mapping of str to Labels
         One entry per label asked for, also where no image falls into the packet.
     poses : Poses
@@ -203,14 +239,33 @@ class View(EventCarrier):
     causes : numpy.ndarray or None
         Why each event fired, uint8 (N,), indices of `CAUSES`; None where ``cause`` is not among the labels
         asked for.
+    dense : DenseWindows or None
+        Dense arrays of the windows that end in the packet; None where the simulator was not asked for them.
     """
 
     environment: int
     camera: CameraInfo
-    events: EventArray
+    _events: EventArray
     labels: Mapping[str, Labels]
     poses: Poses
     causes: npt.NDArray[np.uint8] | None = None
+    dense: DenseWindows | None = None
+
+    @property
+    def events(self) -> EventArray:
+        """The events, sorted by (t, y, x); holds the engine's memory, never copied.
+
+        Raises
+        ------
+        EvisError
+            If the simulator makes dense arrays in the place of events.
+        """
+        if self.dense is not None:
+            raise EvisError(
+                "this packet has dense arrays in the place of events: view.dense; a simulator without dense= "
+                "gives events, and every array of them"
+            )
+        return self._events
 
     @property
     def t(self) -> npt.NDArray[np.int64]:
@@ -239,7 +294,7 @@ class View(EventCarrier):
         """Say whose events they are, and how many."""
         labels = f", labels {', '.join(self.labels)}" if self.labels else ""
         where = f"{self.camera.name!r}, environment {self.environment}"
-        return f"View({where}, {len(self.events)} events{labels})"
+        return f"View({where}, {_held(self)}{labels})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -304,6 +359,11 @@ class Report:
     total_ms: float
 
 
+def _held(view: View) -> str:
+    """Say what a view holds of events."""
+    return f"{len(view.events)} events" if view.dense is None else f"{len(view.dense)} dense arrays"
+
+
 def _stacked(views: tuple[View, ...], kind: str, index: int) -> npt.NDArray[Any]:
     """Stack one image of each view."""
     images = []
@@ -320,12 +380,17 @@ def _stacked(views: tuple[View, ...], kind: str, index: int) -> npt.NDArray[Any]
                 "often there is one)"
             )
         images.append(labels.images[index])
-    if len({image.shape for image in images}) > 1:
+    return _stack(views, images)
+
+
+def _stack(views: tuple[View, ...], arrays: list[npt.NDArray[Any]]) -> npt.NDArray[Any]:
+    """Stack an array of each view."""
+    if len({array.shape for array in arrays}) > 1:
         sizes = ", ".join(f"{view.camera.name} {view.camera.width}x{view.camera.height}" for view in views)
         raise ConfigError(
             f"cameras have different sizes ({sizes}); name one: camera='{views[0].camera.name}'"
         )
-    return np.stack(images)
+    return np.stack(arrays)
 
 
 class _OneView(EventCarrier):
@@ -371,6 +436,11 @@ class _OneView(EventCarrier):
     def causes(self) -> npt.NDArray[np.uint8] | None:
         """Why each event fired, uint8 (N,), indices of `CAUSES`, where asked for; one view only."""
         return self.view.causes
+
+    @property
+    def dense(self) -> DenseWindows | None:
+        """Dense arrays of the windows that end in the packet, where asked for; one view only."""
+        return self.view.dense
 
 
 class EnvironmentPacket(_OneView, ByCamera[View]):
@@ -421,7 +491,7 @@ class EnvironmentPacket(_OneView, ByCamera[View]):
 
     def __repr__(self) -> str:
         """Count the events by camera."""
-        counts = ", ".join(f"{name}: {len(view.events)} events" for name, view in self._views.items())
+        counts = ", ".join(f"{name}: {_held(view)}" for name, view in self._views.items())
         return f"EnvironmentPacket({self.index}, {counts})"
 
 
@@ -434,6 +504,7 @@ class Packet(_OneView):
     several environments    ``packet[3].events``, ``packet[3]["left"].events``
     everything              ``for view in packet.views: ...``
     dense arrays            ``packet.voxel_grid(bins=5)``; one view only
+    made by the engine      ``packet.dense``, ``packet.stack_dense()``
     ======================  =====================================================
 
     Attributes
@@ -539,8 +610,45 @@ class Packet(_OneView):
         ConfigError
             If the packet has no such labels or image, there is no such camera, or cameras differ in size.
         """
-        views = self.views if camera is None else tuple(each[camera] for each in self._environments)
-        return _stacked(views, kind, index)
+        return _stacked(self._chosen(camera), kind, index)
+
+    def stack_dense(self, index: int = -1, *, camera: str | None = None) -> npt.NDArray[Any]:
+        """Return the dense array of one window of each view as one array, as networks take batches.
+
+        Parameters
+        ----------
+        index : int
+            Which of the windows that end in the packet; the last one where not given.
+        camera : str, optional
+            This camera alone, of every environment; every camera where not given.
+
+        Returns
+        -------
+        numpy.ndarray
+            (N, ..., H, W) in the order of `views`: environment by environment, in each the cameras. A copy.
+
+        Raises
+        ------
+        ConfigError
+            If the simulator was not asked for dense arrays, no such window ends in the packet, there is no
+            such camera, or cameras differ in size.
+        """
+        arrays = []
+        for view in (views := self._chosen(camera)):
+            if view.dense is None:
+                raise ConfigError(
+                    "the packet has events, and no dense arrays; dense='counts' of the simulator makes them"
+                )
+            if not -len(view.dense) <= index < len(view.dense):
+                raise ConfigError(
+                    f"index is {index}; {len(view.dense)} windows end in this packet (dense_window_us of the "
+                    "simulator)"
+                )
+            arrays.append(view.dense[index])
+        return _stack(views, arrays)
+
+    def _chosen(self, camera: str | None) -> tuple[View, ...]:
+        return self.views if camera is None else tuple(each[camera] for each in self._environments)
 
     def __len__(self) -> int:
         """Count the environments."""
@@ -604,6 +712,13 @@ def labels_from(
     }
 
 
+def _dense(windows: list[tuple[int, int, npt.NDArray[Any]]] | None) -> DenseWindows | None:
+    if windows is None:
+        return None
+    starts, ends = (np.array([window[i] for window in windows], np.int64) for i in (0, 1))
+    return DenseWindows(starts, ends, tuple(window[2] for window in windows))
+
+
 def packet_from(
     raw: _evis.Packet, cameras: Sequence[tuple[CameraInfo, ...]], kinds: tuple[str, ...]
 ) -> Packet:
@@ -615,5 +730,6 @@ def packet_from(
         labels = labels_from(view.labels, images, (camera.width, camera.height))
         causes = view.causes if CAUSE in kinds else None
         events = EventArray._trusted(view.events, camera.width, camera.height)
-        views.append(View(view.environment, camera, events, labels, Poses(*view.poses), causes))
+        poses = Poses(*view.poses)
+        views.append(View(view.environment, camera, events, labels, poses, causes, _dense(view.dense)))
     return Packet(raw.start_us, raw.end_us, tuple(views), Report(**raw.report))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ._dense import DenseRequest
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Request:
@@ -42,3 +44,4 @@ class Request:
     materials: list[str] = field(default_factory=list)
     lights: list[str] = field(default_factory=list)
     pose_step_us: int | None = None
+    dense: DenseRequest | None = None

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from . import _check, _evis, _method
+from ._dense import dense_of, request_of
 from ._evis import ConfigError, EvisError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
@@ -30,6 +31,7 @@ from ._progress import Progress, TimeLeft
 from ._request import Request
 from ._scene import EventCamera, Scene, motion_text, moved_scene, raw_of
 from ._sensor import Sensor, sensor_of
+from .representations import Dense
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -180,6 +182,15 @@ class Simulator:
         With ``poses``, ``materials`` or ``lights``: steps are multiples of so many microseconds; 10000 where
         not given. With ``native`` sampling it is a multiple of the time between two samples (250 us in every
         preset but ``reference``, which has 125).
+    dense : str or Dense, optional
+        Packets carry this array of each window of time in the place of events (`View.dense`,
+        `Packet.stack_dense`): ``event_frame``, ``counts``, ``voxel_grid``, ``time_surface`` or a
+        `evis.representations.Dense` of one of them. With ``native`` and ``splat`` on a graphics device it is
+        made there, and no event leaves it; it is the array of the same events everywhere. Not with the label
+        ``cause``.
+    dense_window_us : int
+        Length of these windows, 1000 to 60 000 000 microseconds; they begin at its multiples, in stream time,
+        and each is part of the packet in which it ends.
     device : Device, str or int, optional
         A device, its index, or a part of its name; the fastest kind where not given. Where the machine has
         none, presets take decoupled sampling.
@@ -235,9 +246,13 @@ class Simulator:
         materials: Sequence[str] = (),
         lights: Sequence[str] = (),
         pose_step_us: int | None = None,
+        dense: str | Dense | None = None,
+        dense_window_us: int = 10_000,
         device: Device | str | int | None = None,
     ) -> None:
         raw_of(scene)
+        self._dense = None if dense is None else dense_of(dense)
+        self._dense_window_us = _check.time_us("dense_window_us", dense_window_us)
         self._driven = [str(name) for name in _check.items("poses", poses, "['a node', 'a camera']")]
         self._changed = [
             str(name) for name in _check.items("materials", materials, "['a material', 'a node']")
@@ -288,6 +303,7 @@ class Simulator:
             materials=list(self._changed),
             lights=list(self._lit),
             pose_step_us=None if pose_step_us is None else _check.time_us("pose_step_us", pose_step_us),
+            dense=None if self._dense is None else request_of(self._dense, self._dense_window_us),
         )
         self._engine_of = (scene._raw, request, _selector(device))
         self._engine = _evis.Simulator(*self._engine_of)
@@ -370,6 +386,16 @@ class Simulator:
     def labels(self) -> tuple[str, ...]:
         """Kinds of labels that packets carry."""
         return self._labels
+
+    @property
+    def dense(self) -> Dense | None:
+        """The dense array that packets carry in the place of events."""
+        return self._dense
+
+    @property
+    def dense_window_us(self) -> int:
+        """Length of the windows of dense arrays, in microseconds."""
+        return self._dense_window_us
 
     @property
     def seed(self) -> int:

@@ -116,7 +116,7 @@ class _Batch:
         simulator: Simulator,
         task: Task,
         step_us: int,
-        observation: str | Dense | Any,
+        observation: str | Dense | Any | None,
         camera: str | None,
         max_steps: int | None,
     ) -> None:
@@ -138,6 +138,7 @@ class _Batch:
         self.max_steps = None if max_steps is None else _check.whole("max_steps", max_steps, 1)
         self.camera = names[0] if camera is None else camera
         self.size = next((c.width, c.height) for c in simulator.cameras if c.name == self.camera)
+        observation = self._observation(observation)
         self.dense = dense(observation)
         empty = self.observe(self.nothing())
         name = observation if isinstance(observation, str) else getattr(observation, "name", "")
@@ -146,6 +147,24 @@ class _Batch:
         self.count = simulator.environments
         self.poses: dict[str, npt.NDArray[np.float64]] = {}
         self.steps = np.zeros(self.count, np.int64)
+
+    def _observation(self, observation: Any) -> Any:
+        """Return what becomes an observation: what is asked for, or what the simulator makes."""
+        own = self.simulator.dense
+        if own is None:
+            return "counts" if observation is None else observation
+        if observation is not None and dense(observation) != own:
+            raise ConfigError(
+                f"observation is {_check.shown(observation)}, and the simulator makes {own!r} in the place "
+                "of events; leave observation away, or make the simulator without dense="
+            )
+        window_us = self.simulator.dense_window_us
+        if self.step_us != window_us or self.simulator.now_us % window_us:
+            raise ConfigError(
+                f"step_us is {self.step_us} from {self.simulator.now_us} us on; with dense arrays of the "
+                f"simulator a step is one of their windows: step_us={window_us}, from a multiple of it on"
+            )
+        return own
 
     def restart(self) -> None:
         """Start again at time 0, so that nothing depends on what came before."""
@@ -211,6 +230,15 @@ class _Batch:
         packet = self.simulator.step(self.simulator.now_us + self.step_us, self.poses)
         return packet, reward, terminated, truncated, held
 
+    def observed(self, packet: Packet, environment: int) -> tuple[npt.NDArray[Any], EventWindow | None]:
+        """Return what an environment sees, (C, H, W), and its events, where there are any."""
+        view = packet[environment][self.camera]
+        if view.dense is not None:
+            made = view.dense[-1]
+            return made.reshape(-1, *made.shape[-2:]), None
+        window = self.window(packet, environment)
+        return self.observe(window), window
+
     def window(self, packet: Packet, environment: int) -> EventWindow:
         events = packet[environment][self.camera].events.to_numpy()
         return EventWindow._of(events, *self.size, packet.start_us, packet.end_us)
@@ -255,7 +283,9 @@ class EventEnv(gymnasium.Env[Any, Any]):
         Microseconds of a step, a multiple of the simulator's ``pose_step_us``.
     observation : str, Dense or callable
         What becomes of a step's events: name of a function of `evis.representations`, that function with
-        parameters, or what makes an array of an `EventWindow`. Its leading axes become one: (C, H, W).
+        parameters, or what makes an array of an `EventWindow`. Its leading axes become one: (C, H, W). Where
+        not given, what the simulator makes (``dense`` of `Simulator`, whose windows are steps then), else
+        ``counts``.
     camera : str, optional
         The camera, where there are several.
     max_steps : int, optional
@@ -268,7 +298,8 @@ class EventEnv(gymnasium.Env[Any, Any]):
 
     Notes
     -----
-    ``info["events"]`` has the events of the step, an `EventWindow`; their times go on over episodes.
+    ``info["events"]`` has the events of the step, an `EventWindow`; their times go on over episodes. It is
+    missing where the simulator makes dense arrays in the place of events.
     ``info["held"]`` tells that a pose was not finite or no unit quaternion: the environment then stays where
     it is, and the episode is truncated. `reset` with a seed restarts the simulator at time 0: the same
     seed and actions give the same bytes.
@@ -280,7 +311,7 @@ class EventEnv(gymnasium.Env[Any, Any]):
         task: Task,
         *,
         step_us: int = 10_000,
-        observation: str | Dense | Any = "counts",
+        observation: str | Dense | Any = None,
         camera: str | None = None,
         max_steps: int | None = None,
     ) -> None:
@@ -306,15 +337,20 @@ class EventEnv(gymnasium.Env[Any, Any]):
             self._batch.restart()
         self._batch.reset(np.zeros(1, np.int64), [self.np_random], None if seed is None else [seed])
         nothing = self._batch.nothing()
-        return self._batch.observe(nothing), {"events": nothing, "held": False}
+        return self._batch.observe(nothing), self._info(nothing, False)
 
     def step(self, action: Any) -> tuple[npt.NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Take an action; returns observation, reward, terminated, truncated and info."""
         actions = np.asarray(action)[None]
         packet, reward, terminated, truncated, held = self._batch.step(np.zeros(1, np.int64), actions)
-        window = self._batch.window(packet, 0)
-        info = {"events": window, "held": bool(held[0])}
-        return self._batch.observe(window), float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+        seen, window = self._batch.observed(packet, 0)
+        info = self._info(window, bool(held[0]))
+        return seen, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
+
+    def _info(self, window: EventWindow | None, held: bool) -> dict[str, Any]:
+        if window is None or self._batch.simulator.dense is not None:
+            return {"held": held}
+        return {"events": window, "held": held}
 
 
 class EventVectorEnv(VectorEnv[Any, Any, Any]):
@@ -348,7 +384,7 @@ class EventVectorEnv(VectorEnv[Any, Any, Any]):
         task: Task,
         *,
         step_us: int = 10_000,
-        observation: str | Dense | Any = "counts",
+        observation: str | Dense | Any = None,
         camera: str | None = None,
         max_steps: int | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
@@ -442,9 +478,10 @@ class EventVectorEnv(VectorEnv[Any, Any, Any]):
             )
         ids = np.flatnonzero(acting)
         packet, reward, terminated, truncated, held = self._batch.step(ids, actions[ids])
-        windows = [self._batch.window(packet, i) for i in range(self.num_envs)]
-        for i, window in enumerate(windows):
-            self._observations[i] = self._batch.observe(window)
+        windows: list[EventWindow | None] = []
+        for i in range(self.num_envs):
+            self._observations[i], window = self._batch.observed(packet, i)
+            windows.append(window)
         ended = terminated | truncated
         infos: dict[str, Any] = {}
         if self.autoreset_mode == AutoresetMode.SAME_STEP and ended.any():
@@ -469,12 +506,15 @@ class EventVectorEnv(VectorEnv[Any, Any, Any]):
 
     def _infos(
         self,
-        windows: Sequence[EventWindow],
+        windows: Sequence[EventWindow | None],
         held: npt.NDArray[np.bool_],
         present: npt.NDArray[np.bool_] | None = None,
     ) -> dict[str, Any]:
-        events = np.empty(self.num_envs, object)
-        for i, window in enumerate(windows):
-            events[i] = window
         known = np.ones(self.num_envs, bool) if present is None else present.copy()
-        return {"events": events, "_events": known, "held": held.copy(), "_held": known.copy()}
+        infos: dict[str, Any] = {"held": held.copy(), "_held": known.copy()}
+        if self._batch.simulator.dense is None:
+            events = np.empty(self.num_envs, object)
+            for i, window in enumerate(windows):
+                events[i] = window
+            infos |= {"events": events, "_events": known}
+        return infos

@@ -1,7 +1,7 @@
 //! A packet as Python sees it: arrays that own what the engine made.
 
 use evis_core::{Event, LabelData, LabelFrame, LabelKind, PoseSample};
-use evis_render::PacketReport;
+use evis_render::{DenseValues, DenseWindow, PacketReport};
 use numpy::ndarray::{Array1, Array2};
 use numpy::{IntoPyArray, PyArrayMethods};
 use pyo3::prelude::*;
@@ -25,6 +25,8 @@ pub(crate) struct View {
     environment: usize,
     camera: usize,
     events: Py<PyAny>,
+    /// Start, end and array of each window.
+    dense: Option<Vec<(i64, i64, Py<PyAny>)>>,
     causes: Py<PyAny>,
     labels: Vec<Py<Label>>,
     poses: Py<PyAny>,
@@ -53,6 +55,10 @@ pub(crate) fn convert(py: Python<'_>, packet: evis_render::Packet, sizes: &[(u32
         let view = View {
             environment: view.environment,
             camera: view.camera,
+            dense: view
+                .dense
+                .map(|windows| windows.into_iter().map(|window| dense(py, window)).collect())
+                .transpose()?,
             events: events::into_numpy(py, view.events).into_any().unbind(),
             causes: view.causes.into_pyarray(py).into_any().unbind(),
             labels: labels.collect::<PyResult<_>>()?,
@@ -78,6 +84,15 @@ pub(crate) fn label(py: Python<'_>, frame: LabelFrame, (width, height): (u32, u3
         LabelData::U8(values) => values.into_pyarray(py).reshape(shape)?.into_any(),
     };
     Ok(Label { kind: frame.kind.name(), t_us: frame.t_us, t_other_us: frame.t_other_us, data: data.unbind() })
+}
+
+/// Start, end, and the array, moved without a copy.
+fn dense(py: Python<'_>, window: DenseWindow) -> PyResult<(i64, i64, Py<PyAny>)> {
+    let array = match window.values {
+        DenseValues::I32(array) => array.data.into_pyarray(py).reshape(array.shape)?.into_any(),
+        DenseValues::F32(array) => array.data.into_pyarray(py).reshape(array.shape)?.into_any(),
+    };
+    Ok((window.start_us, window.end_us, array.unbind()))
 }
 
 /// `(t_us (N,) i8, position (N, 3) f8, rotation (N, 4) f8)`.

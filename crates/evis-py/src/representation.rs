@@ -45,6 +45,24 @@ fn unknown(what: &str, value: &str, names: &str) -> Failure {
     Failure::Config(format!("{what} is '{value}'; it must be {names}"))
 }
 
+/// By its word.
+pub(crate) fn polarities(word: &str) -> Result<Polarities, Failure> {
+    match word {
+        "signed" => Ok(Polarities::Signed),
+        "split" => Ok(Polarities::Split),
+        _ => Err(unknown("polarity", word, "'signed' or 'split'")),
+    }
+}
+
+/// By its word.
+pub(crate) fn decay(word: &str) -> Result<Decay, Failure> {
+    match word {
+        "exponential" => Ok(Decay::Exponential),
+        "linear" => Ok(Decay::Linear),
+        _ => Err(unknown("decay", word, "'exponential' or 'linear'")),
+    }
+}
+
 /// Sums of polarities, int32 (H, W).
 #[pyfunction]
 pub(crate) fn event_frame<'py>(
@@ -69,11 +87,7 @@ pub(crate) fn voxel_grid<'py>(
     polarity: &str,
     normalize: bool,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let polarities = match polarity {
-        "signed" => Polarities::Signed,
-        "split" => Polarities::Split,
-        _ => return Err(unknown("polarity", polarity, "'signed' or 'split'").into()),
-    };
+    let polarities = self::polarities(polarity)?;
     make(py, &source, |slice| {
         let mut grid = evis_representation::voxel_grid(slice, bins, polarities)?;
         if normalize {
@@ -109,11 +123,7 @@ pub(crate) fn time_surfaces<'py>(
     tau_us: f64,
     decay: &str,
 ) -> PyResult<Bound<'py, PyArrayDyn<f32>>> {
-    let decay = match decay {
-        "exponential" => Decay::Exponential,
-        "linear" => Decay::Linear,
-        _ => return Err(unknown("decay", decay, "'exponential' or 'linear'").into()),
-    };
+    let decay = self::decay(decay)?;
     make(py, &source, |slice| evis_representation::time_surfaces(slice, &at_us, tau_us, decay))
 }
 

@@ -4,12 +4,13 @@ use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use evis_core::{ConfigError, Word};
-use evis_render::{Method, RunRequest, SamplingRequest};
+use evis_render::{DenseKind, DenseOutput, Method, RunRequest, SamplingRequest};
 use pyo3::prelude::*;
 
 use crate::emulator::from_json;
 use crate::engine;
 use crate::errors::Failure;
+use crate::representation;
 
 /// The dataclass of the same name, field by field: sensors and a warp are JSON, choices are words.
 #[derive(FromPyObject)]
@@ -43,7 +44,11 @@ pub(crate) struct Request {
     materials: Vec<String>,
     lights: Vec<String>,
     pose_step_us: Option<i64>,
+    dense: Option<DenseRequest>,
 }
+
+/// Name, bins, polarity, normalize, tau_us, decay, and length of a window.
+type DenseRequest = (String, u32, String, bool, f64, String, i64);
 
 impl TryFrom<Request> for RunRequest {
     type Error = Failure;
@@ -87,8 +92,26 @@ impl TryFrom<Request> for RunRequest {
             materials: asked.materials,
             lights: asked.lights,
             pose_step_us: asked.pose_step_us,
+            dense: asked.dense.map(dense).transpose()?,
         })
     }
+}
+
+fn dense(asked: DenseRequest) -> Result<DenseOutput, Failure> {
+    let (name, bins, polarity, normalize, tau_us, decay, window_us) = asked;
+    let kind = match name.as_str() {
+        "event_frame" => DenseKind::EventFrame,
+        "counts" => DenseKind::Counts,
+        "voxel_grid" => {
+            DenseKind::VoxelGrid { bins, polarities: representation::polarities(&polarity)?, normalize }
+        }
+        "time_surface" => DenseKind::TimeSurface { tau_us, decay: representation::decay(&decay)? },
+        other => {
+            let remedy = "event_frame, counts, voxel_grid or time_surface";
+            return Err(ConfigError::new("dense", other, remedy).into());
+        }
+    };
+    Ok(DenseOutput { kind, window_us })
 }
 
 fn word<T: Word>(what: &str, word: Option<String>) -> Result<Option<T>, ConfigError> {

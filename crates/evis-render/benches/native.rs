@@ -13,7 +13,7 @@ use bare::Bare;
 use evis_core::{SensorConfig, Warp};
 use evis_render::bench::{Stage, Stages};
 use evis_render::scene::Scene;
-use evis_render::{Gpu, Method, RunConfig, Simulator};
+use evis_render::{DenseKind, DenseOutput, Gpu, Method, Polarities, RunConfig, Simulator};
 use support::measure::{Series, measure, peak_memory_mib};
 use support::{Failure, scenes};
 
@@ -257,12 +257,20 @@ fn sensors(
     let mut all = Vec::new();
     let chosen = NAMES.iter().filter(|name| named.iter().any(|n| n == *name));
     let names = if chosen.clone().count() == 0 { NAMES.to_vec() } else { chosen.copied().collect() };
-    for name in names {
-        let config = RunConfig { sensor: SensorConfig::preset(name)?, ..config() };
+    let window = |kind| DenseOutput { kind, window_us: 32_000 };
+    let grid = DenseKind::VoxelGrid { bins: 5, polarities: Polarities::Signed, normalize: false };
+    let made =
+        [("", None), (", counts", Some(window(DenseKind::Counts))), (", voxel grid", Some(window(grid)))];
+    // Arrays in the place of events, of the first sensors alone.
+    let made = |name: &str| if ["ideal", "v2e-noisy"].contains(&name) { &made[..] } else { &made[..1] };
+    for (name, (array, dense)) in
+        names.into_iter().flat_map(|name| made(name).iter().map(move |made| (name, made)))
+    {
+        let config = RunConfig { sensor: SensorConfig::preset(name)?, dense: *dense, ..config() };
         let mut stages = Stages::new(&gpu, scene.clone(), config, 1 << 21)?;
         // The first instant sets the references.
         stages.run(0, 1, Stage::Readback, true)?;
-        all.push((name, stages, vec![Series::default(); Stage::ALL.len()]));
+        all.push((format!("{name}{array}"), stages, vec![Series::default(); Stage::ALL.len()]));
     }
     for repetition in 0..=repetitions {
         let first = 1 + i64::from(repetition * INSTANTS);

@@ -39,13 +39,19 @@ mod world;
 #[cfg(test)]
 mod tests;
 
+pub use config::dense::{DenseKind, DenseOutput};
 pub use config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows, scene_sensors};
 pub use engine::bench;
 pub use engine::{EnvironmentLens, EnvironmentSensor, PacketStream, Simulator};
 pub use error::EngineError;
+/// Of [`DenseKind`].
+pub use evis_representation::{Decay, Polarities};
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
-pub use output::{Bodies, BodyTimes, Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes, ViewPacket};
+pub use output::{
+    Bodies, BodyTimes, DenseValues, DenseWindow, Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes,
+    ViewPacket,
+};
 pub use request::{RunRequest, SamplingRequest, Settled, implausible, quality, settings};
 pub use sampling::{audit, clipped};
 /// The version that [`Gpu::from_device`] takes devices of.

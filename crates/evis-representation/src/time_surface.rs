@@ -17,7 +17,8 @@ pub enum Decay {
 }
 
 impl Decay {
-    fn of(self, age_us: f64, tau_us: f64) -> f64 {
+    /// Of a pixel that fired `age_us` microseconds ago.
+    pub fn value(self, age_us: f64, tau_us: f64) -> f64 {
         match self {
             Self::Exponential => (-age_us / tau_us).exp(),
             Self::Linear => (1.0 - age_us / tau_us).max(0.0),
@@ -66,7 +67,7 @@ pub fn time_surfaces(
     let draw = |at: i64, surface: &mut [f32], last_us: &[i64]| {
         for (value, last) in surface.iter_mut().zip(last_us) {
             if *last != NEVER {
-                *value = decay.of((at - last) as f64, tau_us) as f32;
+                *value = decay.value((at - last) as f64, tau_us) as f32;
             }
         }
     };

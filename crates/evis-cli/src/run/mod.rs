@@ -205,6 +205,7 @@ fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
     ];
     let single = single.into_iter().filter_map(|(key, value)| Some(format!("{key}={}", value?)));
     Ok(RunRequest {
+        dense: None,
         settings: args.settings.clone(),
         sensor: asked.all,
         sensors: asked.of,

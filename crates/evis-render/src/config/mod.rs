@@ -1,5 +1,6 @@
 //! What a run is asked to do: a value, checked once by [`RunConfig::check`], then trusted.
 
+pub mod dense;
 pub mod grid;
 pub mod scene_sensor;
 
@@ -11,6 +12,7 @@ use evis_core::sensor::{SensorConfig, TriggerRule};
 use evis_core::{ConfigError, LabelKind, Sensor, TimeGrid, Warp, WarpVariant, Word};
 use serde::{Deserialize, Serialize};
 
+use crate::config::dense::DenseOutput;
 use crate::config::grid::SampleGrid;
 use crate::gpu::sizes::MAX_INSTANTS;
 
@@ -228,6 +230,10 @@ pub struct RunConfig {
     /// where nothing is driven.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub pose_step_us: Option<i64>,
+    /// Arrays that packets carry in the place of events, made on the device where its sensors fire. No part of what
+    /// recordings keep, which have events.
+    #[serde(skip)]
+    pub dense: Option<DenseOutput>,
     /// `Y_ref` in `ln(Y / Y_ref + eps)`; `None` takes the value that brings the first camera's log-mean to 0.18.
     pub reference_luminance: Option<f32>,
 }
@@ -262,6 +268,7 @@ impl Default for RunConfig {
             exposure_us: USUAL_EXPOSURE_US,
             audit: USUAL_AUDIT,
             pose_step_us: None,
+            dense: None,
             reference_luminance: None,
         }
     }
@@ -480,6 +487,13 @@ impl RunConfig {
         }
         if self.start_us < 0 {
             return Err(ConfigError::new("start", self.start_us as f64 * 1e-6, "0 or later (seconds)"));
+        }
+        if let Some(dense) = &self.dense {
+            dense.check()?;
+            if self.labels.contains(&LabelKind::Cause) {
+                let remedy = "without cause: it is of events, and packets have dense arrays in their place";
+                return Err(ConfigError::new("labels", "cause", remedy));
+            }
         }
         if let Some(y) = self.reference_luminance
             && !(y.is_finite() && y > 0.0)

@@ -26,7 +26,7 @@ pub enum Stage {
     Count,
     /// And where each pixel's events go.
     Prefix,
-    /// And events.
+    /// And events; and dense arrays of them, where the configuration asks for any.
     Emit,
     /// And their copy into mapped memory.
     Readback,
@@ -93,7 +93,7 @@ impl Stages {
     ) -> Result<Duration, EngineError> {
         let started = Instant::now();
         let slot = &mut self.slot;
-        let Parts { context, passes, sampling, targets, groups } = self.engine.parts();
+        let Parts { context, passes, sampling, targets, groups, dense } = self.engine.parts();
         let group = &mut groups[0];
         let targets = &targets[group.targets];
         let instants = if first == 0 && group.chain.is_some() { 1 } else { instants };
@@ -119,6 +119,11 @@ impl Stages {
                 &mut encoder,
                 &steps[..stage.trigger_steps(steps.len(), group.chain.is_some())],
             );
+            if let Some(dense) = dense.filter(|_| stage >= Stage::Emit) {
+                let steps = dense.steps(gpu, grid, targets, group, &unit, slot);
+                trigger::encode_trigger(&mut encoder, &steps);
+                dense.read(gpu, &mut encoder, 0, unit.base_us(grid));
+            }
         }
         if stage == Stage::Readback {
             encoder.copy_buffer_to_buffer(

@@ -31,6 +31,7 @@ use crate::sampling::adaptive::AdaptiveSampler;
 use crate::sampling::native::NativeSampler;
 use crate::sampling::splat::{self, SplatSampler};
 use crate::sensor::chain::{ChainPlan, GroupChain};
+use crate::sensor::dense::DenseArrays;
 use crate::sensor::group::Group;
 use crate::sensor::host::HostWalk;
 use crate::sensor::passes::{Blocks, TriggerPasses, share_passes};
@@ -91,8 +92,14 @@ impl Engine {
         let most_capacity = (device_limits.storage_binding / 8).min(buffer / 8 - 4096).min(1 << 28) as u32;
         let block = config.block();
         let caused = config.labels.contains(&LabelKind::Cause);
+        let dense = config.dense.filter(|_| config.method != Method::Decoupled).and_then(|output| {
+            let grid = (&context.grid, block);
+            let own = DenseArrays::new(gpu, output, grid, &passes, &targets, &groups)?;
+            Some((output, own))
+        });
         Ok(Self {
             caused,
+            dense,
             sampling,
             label_renderer,
             frame_renderer: FrameRenderer::new(&context, config, samples.rendered)?,

@@ -264,6 +264,7 @@ impl Decoupled {
             packet.views.push(ViewPacket {
                 environment: view.environment,
                 camera: view.camera,
+                dense: None,
                 causes: if self.caused { causes } else { Vec::new() },
                 events,
                 labels: pictures.as_mut().and_then(|views| Some(views.next()?.labels)).unwrap_or_default(),

@@ -20,13 +20,15 @@ use std::time::Instant;
 use evis_core::event::take_causes;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
 
+use crate::config::dense::DenseOutput;
 use crate::error::EngineError;
 use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::uniforms::Status;
+use crate::output::dense;
 use crate::output::frames::FrameRenderer;
 use crate::output::labels::{LabelJob, LabelRenderer};
-use crate::output::packet::{Packet, PacketReport, StageTimes, ViewPacket};
+use crate::output::packet::{DenseWindow, Packet, PacketReport, StageTimes, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::raster::context::Context;
 use crate::raster::readback::mean_luminance;
@@ -34,6 +36,7 @@ use crate::sampling::audit::{AuditRun, Finding};
 use crate::sampling::clipped::{self, ClippedLight, ClippedRun};
 use crate::sampling::{Readbacks, Sampling};
 use crate::sensor::chain::CANDIDATE_WORDS;
+use crate::sensor::dense::{DenseArrays, DenseReadback};
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::host::{HostWalk, LuminanceReadback};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
@@ -53,6 +56,7 @@ struct Arrived {
     events: Vec<Event>,
     labels: Vec<LabelFrame>,
     poses: Vec<PoseSample>,
+    dense: Vec<DenseWindow>,
 }
 
 enum Work {
@@ -65,6 +69,8 @@ enum Work {
     Labels(LabelJob),
     /// Light for pixels that the host walks.
     LuminanceReadback(LuminanceReadback),
+    /// Arrays of a window whose events are all there.
+    Dense(DenseReadback),
 }
 
 /// What tells that a buffer can be read.
@@ -92,6 +98,8 @@ pub struct Engine {
     label_renderer: Option<LabelRenderer>,
     frame_renderer: Option<FrameRenderer>,
     host_walk: HostWalk,
+    /// Where packets carry arrays in the place of events, and the device makes them for a group at least.
+    dense: Option<(DenseOutput, DenseArrays)>,
     label_grid: TimeGrid,
     /// Instants that no submission parts.
     block: u32,
@@ -131,13 +139,14 @@ pub(crate) struct Parts<'a> {
     pub sampling: &'a mut Sampling,
     pub targets: &'a [Targets],
     pub groups: &'a mut [Group],
+    pub dense: Option<&'a mut DenseArrays>,
 }
 
 impl Engine {
     /// What `bench` measures stage by stage.
     pub(crate) fn parts(&mut self) -> Parts<'_> {
-        let Self { context, passes, sampling, targets, groups, .. } = self;
-        Parts { context, passes, sampling, targets, groups }
+        let Self { context, passes, sampling, targets, groups, dense, .. } = self;
+        Parts { context, passes, sampling, targets, groups, dense: dense.as_mut().map(|(_, own)| own) }
     }
 
     /// Starts with buffers of `capacity` events, never more than `most`: tests make them overflow.
@@ -271,16 +280,19 @@ impl Engine {
         let Context { scene, views, .. } = &self.context;
         self.poses.take(scene, views, until_us, |view, pose| self.arrived[view].poses.push(pose));
         let mut packet = Packet { start_us: self.delivered_us, end_us: until_us, ..Default::default() };
-        for (view, arrived) in self.context.views.iter().zip(&mut self.arrived) {
+        for (index, (view, arrived)) in self.context.views.iter().zip(&mut self.arrived).enumerate() {
             let count = arrived.events.partition_point(|e| e.t < until_us);
             let rest = arrived.events.split_off(count);
             let labels = arrived.labels.partition_point(|l| l.t_us < until_us);
             let mut events = std::mem::replace(&mut arrived.events, rest);
+            let windows = arrived.dense.partition_point(|window| window.end_us <= until_us);
+            let made = arrived.dense.drain(..windows).collect();
             let causes = if self.caused { take_causes(&mut events) } else { Vec::new() };
             packet.views.push(ViewPacket {
                 environment: view.environment,
                 camera: view.camera,
                 events,
+                dense: self.dense.as_ref().filter(|(_, own)| own.makes_view(index)).map(|_| made),
                 causes,
                 labels: arrived.labels.drain(..labels).collect(),
                 poses: std::mem::take(&mut arrived.poses),
@@ -290,7 +302,7 @@ impl Engine {
         packet.report = std::mem::take(&mut self.report);
         packet.report.keyframes = self.sampling.take_keyframes();
         packet.report.drawn_pixels = self.sampling.take_drawn_pixels();
-        packet.report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
+        packet.report.events += packet.views.iter().map(|v| v.events.len() as u64).sum::<u64>();
         packet.report.times.pack_ms += milliseconds(packing);
         packet.report.times.total_ms = milliseconds(started);
         Ok(packet)
@@ -311,7 +323,9 @@ impl Engine {
     fn is_complete(&self, until_us: i64) -> bool {
         let labels_wanted =
             if self.label_renderer.is_some() { self.label_grid.first_at_or_after(until_us) } else { 0 };
-        let fired = !self.fires || self.complete_us.iter().all(|&t| t >= until_us);
+        let is_read = |group: usize| self.dense.as_ref().is_none_or(|(_, own)| own.is_read(group, until_us));
+        let is_there = |(group, complete_us): (usize, &i64)| *complete_us >= until_us && is_read(group);
+        let fired = !self.fires || self.complete_us.iter().enumerate().all(is_there);
         fired && self.labels_complete >= labels_wanted
     }
 
@@ -334,6 +348,7 @@ impl Engine {
         } else if let Some((group, next, last)) = due {
             let planned = f64::from(self.targets[self.groups[group].targets].plan.instants);
             let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
+            let most = self.dense.as_ref().map_or(most, |(_, own)| most.min(own.most_instants(&grid)));
             let block = i64::from(self.block);
             // The first instant of a chain has a pass of its own, and so has the one before the first block.
             let alone = next == 0 && (block > 1 || self.groups[group].chain.is_some());
@@ -384,7 +399,12 @@ impl Engine {
         }
         // Half as much again as the last one had: a second copy is needed only where events surge.
         let last = self.last_counts[group.targets];
-        let predicted = (last / 2 * 3).saturating_add(4096).min(slot.capacity);
+        let mut dense = self.dense.as_mut().map(|(_, own)| own).filter(|own| own.makes(unit.group));
+        let predicted = match dense {
+            // Events stay on the device.
+            Some(_) => 0,
+            None => (last / 2 * 3).saturating_add(4096).min(slot.capacity),
+        };
         let mut encoder = Commands::new(&self.context.gpu, "events");
         let Readbacks { audit, clipped } = submission::encode(
             &mut self.context,
@@ -395,6 +415,7 @@ impl Engine {
             group,
             &unit,
             &slot,
+            dense.take(),
             predicted,
         );
         let submission = encoder.submit(&self.context.gpu);
@@ -492,6 +513,7 @@ impl Engine {
                 Ok(())
             }
             Work::LuminanceReadback(readback) => self.take_luminance(readback),
+            Work::Dense(readback) => self.take_dense(readback),
             Work::Labels(job) => {
                 let packing = Instant::now();
                 let renderer = self.label_renderer.as_mut();
@@ -606,45 +628,21 @@ impl Engine {
             slot.staging.unmap();
             return self.recover(unit, status.event_count).map(|()| false);
         }
+        // Events that the device made arrays of stay there.
+        let made = self.dense.as_ref().is_some_and(|(_, own)| own.makes(unit.group));
         let count = status.event_count;
-        if count > predicted {
-            self.fetch_rest(&slot, header, predicted, count)?;
-        }
-        let base_us = unit.base_us(&self.context.grid);
-        let span_us = (unit.end_us(&self.context.grid) - base_us) as u32;
-        {
-            let end = header + u64::from(count) * 8;
-            let bytes;
-            let records: &[[u32; 2]] = if count == 0 {
-                &[]
-            } else {
-                bytes = slot.staging.get_mapped_range(header..end).map_err(failed)?;
-                bytemuck::try_cast_slice(&bytes)
-                    .map_err(|e| EngineError::Device(format!("events came back misaligned: {e}")))?
-            };
-            let group = &mut self.groups[unit.group];
-            let end_us = unit.end_us(&self.context.grid);
-            match group.chain.as_mut().filter(|chain| !chain.readouts.is_empty()) {
-                None => {
-                    let views = group.views.iter().copied();
-                    unpack::views(records, &offsets, base_us, span_us, self.caused, views, |v, e| {
-                        unpack::append(&mut self.arrived[v].events, e)
-                    })
-                }
-                Some(chain) => {
-                    let parts = offsets.windows(2).map(|w| &records[w[0] as usize..w[1] as usize]);
-                    for ((readout, records), v) in chain.readouts.iter_mut().zip(parts).zip(&group.views) {
-                        let mut fired = unpack::events(records, base_us, self.caused);
-                        self.report.dropped += readout.pass(&mut fired, end_us, &mut self.arrived[*v].events);
-                    }
-                }
+        if !made {
+            if count > predicted {
+                self.fetch_rest(&slot, header, predicted, count)?;
             }
+            self.unpack(&unit, &slot, &offsets, count)?;
         }
         slot.staging.unmap();
         self.free.push(slot);
         self.complete_us[unit.group] = unit.end_us(&self.context.grid);
         let group = &mut self.groups[unit.group];
         self.last_counts[group.targets] = count;
+        self.report.events += if made { u64::from(count) } else { 0 };
         self.report.clamped += u64::from(status.clamped.wrapping_sub(group.clamped));
         group.clamped = status.clamped;
         self.report.unknown += u64::from(status.unknown.wrapping_sub(group.unknown));
@@ -653,7 +651,79 @@ impl Engine {
         group.suppressed = status.suppressed;
         self.report.instants += u64::from(unit.instants);
         self.report.times.pack_ms += milliseconds(packing);
+        if made {
+            self.submit_dense(unit.group);
+        }
         Ok(true)
+    }
+
+    /// Takes the `count` events of `unit` that `slot` brought, whose views begin at `offsets`.
+    fn unpack(&mut self, unit: &Unit, slot: &Slot, offsets: &[u32], count: u32) -> Result<(), EngineError> {
+        let failed = |e: wgpu::MapRangeError| EngineError::Device(format!("cannot read events back: {e}"));
+        let (base_us, end_us) = (unit.base_us(&self.context.grid), unit.end_us(&self.context.grid));
+        let group = &mut self.groups[unit.group];
+        let header = group.header_bytes();
+        let end = header + u64::from(count) * 8;
+        let bytes;
+        let records: &[[u32; 2]] = if count == 0 {
+            &[]
+        } else {
+            bytes = slot.staging.get_mapped_range(header..end).map_err(failed)?;
+            bytemuck::try_cast_slice(&bytes)
+                .map_err(|e| EngineError::Device(format!("events came back misaligned: {e}")))?
+        };
+        match group.chain.as_mut().filter(|chain| !chain.readouts.is_empty()) {
+            None => {
+                let (span_us, views) = ((end_us - base_us) as u32, group.views.iter().copied());
+                unpack::views(records, offsets, base_us, span_us, self.caused, views, |v, e| {
+                    unpack::append(&mut self.arrived[v].events, e)
+                });
+            }
+            Some(chain) => {
+                let parts = offsets.windows(2).map(|w| &records[w[0] as usize..w[1] as usize]);
+                for ((readout, records), v) in chain.readouts.iter_mut().zip(parts).zip(&group.views) {
+                    let mut fired = unpack::events(records, base_us, self.caused);
+                    self.report.dropped += readout.pass(&mut fired, end_us, &mut self.arrived[*v].events);
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// Lets the arrays of windows whose events are all there come to the host.
+    fn submit_dense(&mut self, group: usize) {
+        let Some((_, own)) = &mut self.dense else { return };
+        let submitted = Instant::now();
+        let gpu = &self.context.gpu;
+        let mut encoder = Commands::new(gpu, "dense arrays");
+        let read = own.read(gpu, &mut encoder, group, self.complete_us[group]);
+        if read.is_empty() {
+            return;
+        }
+        let submission = encoder.submit(gpu);
+        for readback in read {
+            let mapped = map(&readback.staging);
+            self.in_flight.push_back(InFlight {
+                work: Work::Dense(readback),
+                submitted,
+                submission: submission.clone(),
+                mapped,
+                clipped: None,
+            });
+        }
+    }
+
+    /// Takes the arrays of a window.
+    fn take_dense(&mut self, readback: DenseReadback) -> Result<(), EngineError> {
+        let Some((output, own)) = &mut self.dense else { return Ok(()) };
+        let packing = Instant::now();
+        let (group, window) = (&self.groups[readback.group], readback.window);
+        for (view, words) in group.views.iter().zip(own.take(readback)?) {
+            let size = self.context.views[*view].size();
+            self.arrived[*view].dense.push(dense::of_words(output, window, &words, size));
+        }
+        self.report.times.pack_ms += milliseconds(packing);
+        Ok(())
     }
 
     /// Runs the sensor model of the host on what a submission brought.

@@ -114,6 +114,12 @@ impl Engine {
             self.arrived[*view].events.clear();
             self.host_walk.reset(*view, &self.context.views[*view])?;
         }
+        if let Some((_, own)) = &self.dense {
+            let mut encoder = Commands::new(&self.context.gpu, "reset of dense arrays");
+            let begun = beginning.iter().enumerate().filter(|(_, begins)| **begins);
+            begun.for_each(|(place, _)| own.clear(&mut encoder, group, place));
+            encoder.submit(&self.context.gpu);
+        }
         let class = self.groups[group].targets;
         if let (Some(passes), Some(chain)) = (self.passes.chain(class), &mut self.groups[group].chain) {
             let targets = &self.targets[class];

@@ -18,8 +18,9 @@ use crate::engine::Engine;
 use crate::engine::decoupled::Decoupled;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use crate::output::dense::HostArrays;
 use crate::output::packet::Packet;
-use crate::world::view;
+use crate::world::view::{self, View};
 
 /// Packets that a stream renders ahead of its reader.
 const AHEAD: usize = 4;
@@ -36,6 +37,8 @@ pub struct Simulator {
     environments: usize,
     config: RunConfig,
     source: Source,
+    /// Where packets carry arrays in the place of events: makes those that no device makes.
+    dense: Option<HostArrays>,
     host_poses: Option<Arc<HostPoses>>,
 }
 
@@ -91,11 +94,19 @@ impl Source {
         }
     }
 
-    fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
-        match self {
+    /// Delivers up to `until_us`, with dense arrays in the place of events where there are any.
+    fn deliver(
+        &mut self,
+        until_us: i64,
+        horizon_us: i64,
+        dense: Option<&mut HostArrays>,
+    ) -> Result<Packet, EngineError> {
+        let mut packet = match self {
             Self::Sampled(engine) => engine.deliver(until_us, horizon_us),
             Self::Decoupled(views) => views.deliver(until_us, horizon_us),
-        }
+        }?;
+        dense.map_or(Ok(()), |dense| dense.replace_events(&mut packet))?;
+        Ok(packet)
     }
 
     /// See [`Engine::check_reset`].
@@ -160,6 +171,8 @@ impl Simulator {
         let host_poses = scene.host_poses.clone();
         let whole = Arc::clone(&scene);
         let lenses = views.iter().map(|view| view.own_lens).collect();
+        let sizes = || views.iter().map(View::size).collect();
+        let dense = config.dense.map(|output| HostArrays::new(output, sizes()));
         if host_poses.is_some() {
             check_driven(&config, views.iter().map(|view| &view.sensor))?;
         }
@@ -172,7 +185,7 @@ impl Simulator {
             }
             (_, None) => return Err(EngineError::NoDevice),
         };
-        Ok(Self { scene: whole, cameras, lenses, environments, config, source, host_poses })
+        Ok(Self { scene: whole, cameras, lenses, environments, config, source, dense, host_poses })
     }
 
     /// The rendered cameras, in view order, as the first environment has them.
@@ -257,7 +270,7 @@ impl Simulator {
         if self.host_poses.is_some() {
             return self.step_with(until_us, &HostStep::default());
         }
-        self.source.deliver(until_us, until_us)
+        self.source.deliver(until_us, until_us, self.dense.as_mut())
     }
 
     /// Steps on this thread, `packet_us` at a time, and gives each packet to `on_packet`, until `until_us` or until it breaks.
@@ -336,7 +349,7 @@ impl Simulator {
             let shifted = HostStep { poses: &poses, visible: &visible, ..*step };
             host.advance(&shifted, start_us + until_us)?;
         }
-        let packet = self.source.deliver(until_us, until_us)?;
+        let packet = self.source.deliver(until_us, until_us, self.dense.as_mut())?;
         // Flow looks back by the time between two labels.
         let label_us = (1e6 / self.config.label_rate_hz).ceil() as i64;
         host.forget_before(start_us + until_us - 2 * label_us - KEPT_POSES_US);
@@ -389,6 +402,12 @@ impl Simulator {
             return Err(ConfigError::new("seed", format!("{} seeds", seeds.len()), remedy).into());
         }
         self.source.check_reset()?;
+        let now_us = self.now_us();
+        if let Some(dense) = self.config.dense.filter(|dense| now_us % dense.window_us != 0) {
+            let remedy =
+                format!("at a multiple of dense_window_us ({} us), where windows end", dense.window_us);
+            return Err(ConfigError::new("reset", format!("at {now_us} us"), remedy).into());
+        }
         if let Some(environment) = jump.environments().find(|e| !environments.contains(e)) {
             let remedy = "only for environments that are reset; others change with step";
             let what = if jump.poses.is_empty() { "visible, materials or lights" } else { "poses" };
@@ -489,7 +508,7 @@ impl Simulator {
         let end = self.now_us().saturating_add(duration_us);
         self.check_time("end of the stream", end)?;
         let (send, receive) = sync_channel(AHEAD);
-        let mut source = self.source;
+        let (mut source, mut dense) = (self.source, self.dense);
         let stop = source.stop().clone();
         let stopped = stop.clone();
         let cost = source.cost().cloned();
@@ -499,7 +518,7 @@ impl Simulator {
                 let mut now = source.now_us();
                 while now < end && !stopped.load(Ordering::Relaxed) {
                     let until = now.saturating_add(packet_us).min(end);
-                    let packet = source.deliver(until, end);
+                    let packet = source.deliver(until, end, dense.as_mut());
                     let failed = packet.is_err();
                     if send.send(packet).is_err() || failed {
                         return;

@@ -4,6 +4,7 @@ use crate::gpu::commands::Commands;
 use crate::gpu::uniforms::Status;
 use crate::raster::context::Context;
 use crate::sampling::{Readbacks, Sampling};
+use crate::sensor::dense::DenseArrays;
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::TriggerPasses;
 use crate::sensor::targets::Targets;
@@ -20,6 +21,7 @@ pub fn encode(
     group: &Group,
     unit: &Unit,
     slot: &Slot,
+    dense: Option<&mut DenseArrays>,
     predicted: u32,
 ) -> Readbacks {
     // Luminance of every pixel at every instant, by whatever method.
@@ -29,6 +31,11 @@ pub fn encode(
     let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, unit, slot);
     clear_tallies(encoder, group);
     encode_trigger(encoder, &steps);
+    // Arrays of them, where they stay on the device.
+    if let Some(dense) = dense {
+        let steps = dense.steps(&context.gpu, &context.grid, targets, group, unit, slot);
+        encode_trigger(encoder, &steps);
+    }
     // Counts, offsets and events to the host.
     let header = size_of::<Status>() as u64;
     encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, header);

@@ -55,6 +55,7 @@ shaders![
     "trigger/block.wgsl",
     "trigger/scan.wgsl",
     "trigger/emit.wgsl",
+    "trigger/dense.wgsl",
     "trigger/resolve.wgsl",
     "trigger/tile_rate.wgsl",
     "trigger/between.wgsl",

@@ -174,6 +174,16 @@ pub struct TriggerParams {
     pub spans: [[u32; 4]; MAX_INSTANTS as usize],
 }
 
+/// `DenseWindow` in `trigger/dense.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct DenseWindow {
+    /// Microseconds from the submission's base to the window's start.
+    pub start: i32,
+    /// And to its end.
+    pub end: i32,
+}
+
 /// `ViewSensor` in `trigger/layout.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -1,6 +1,7 @@
 //! What a run delivers: packets of events, with labels and frames.
 
 pub mod bodies;
+pub mod dense;
 pub mod frames;
 pub mod imu;
 pub mod labels;
@@ -9,4 +10,4 @@ pub mod poses;
 
 pub use bodies::{Bodies, BodyTimes};
 pub use imu::{Imu, ImuConfig, ImuNoise};
-pub use packet::{Packet, PacketReport, StageTimes, ViewPacket};
+pub use packet::{DenseValues, DenseWindow, Packet, PacketReport, StageTimes, ViewPacket};

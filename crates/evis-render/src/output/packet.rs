@@ -1,6 +1,7 @@
 //! What a stream yields: everything of one time interval.
 
 use evis_core::{Event, LabelFrame, PoseSample};
+use evis_representation::Array;
 use serde::Serialize;
 
 use crate::sampling::audit::Finding;
@@ -28,6 +29,9 @@ pub struct ViewPacket {
     pub camera: usize,
     /// In canonical order.
     pub events: Vec<Event>,
+    /// Dense arrays of the windows of time that end in the packet, in order, where they are asked for; then there are no
+    /// events.
+    pub dense: Option<Vec<DenseWindow>>,
     /// Why each event fired, as numbers of [`evis_core::Cause`]; empty where that is not asked for.
     pub causes: Vec<u8>,
     /// Label images whose time lies in the packet, by time, then kind.
@@ -36,10 +40,30 @@ pub struct ViewPacket {
     pub poses: Vec<PoseSample>,
 }
 
+/// The array of a view's events in a window.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DenseWindow {
+    /// First microsecond, stream time.
+    pub start_us: i64,
+    /// One past the last microsecond.
+    pub end_us: i64,
+    /// Its values.
+    pub values: DenseValues,
+}
+
+/// Values of a dense array, with its shape: rows and columns last.
+#[derive(Clone, Debug, PartialEq)]
+pub enum DenseValues {
+    /// Of frames and counts.
+    I32(Array<i32>),
+    /// Of all others.
+    F32(Array<f32>),
+}
+
 /// Counts and measured times of a packet. Times never reach the stream's own bytes.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct PacketReport {
-    /// Events of all views.
+    /// Events of all views; with dense arrays those of the instants that were sampled meanwhile.
     pub events: u64,
     /// Events that the readout's rate limit dropped; no other event is lost, or the run has failed.
     pub dropped: u64,

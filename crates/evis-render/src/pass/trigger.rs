@@ -80,6 +80,18 @@ pub const KEPT_BINDINGS: &[Binding] = &[
     bind(6, "events", Access::Write),
 ];
 
+/// `trigger/dense.wgsl`.
+pub const DENSE_BINDINGS: &[Binding] = &[
+    bind(0, "params", Access::Uniform),
+    bind(1, "window", Access::Uniform),
+    bind(2, "counts", Access::Read),
+    bind(3, "prefixes", Access::Read),
+    bind(4, "block_offsets", Access::Read),
+    bind(5, "status", Access::Write),
+    bind(6, "events", Access::Read),
+    bind(7, "dense", Access::Write),
+];
+
 /// `trigger/resolve.wgsl`.
 pub const RESOLVE_BINDINGS: &[Binding] =
     &[bind(0, "samples", Access::Multisampled), bind(1, "layer", Access::StorageLayer)];

@@ -20,6 +20,7 @@ use evis_scene::{CameraMotion, HostNames, Scene};
 pub use implausible::implausible;
 pub use sampling::SamplingRequest;
 
+use crate::config::dense::DenseOutput;
 use crate::config::{EVIS_PAPER_LOG_EPS, Method, RunConfig, scene_sensors};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -81,6 +82,8 @@ pub struct RunRequest {
     pub lights: Vec<String>,
     /// [`RunConfig::pose_step_us`].
     pub pose_step_us: Option<i64>,
+    /// [`RunConfig::dense`].
+    pub dense: Option<DenseOutput>,
 }
 
 impl RunRequest {
@@ -124,6 +127,7 @@ impl RunRequest {
         config.label_rate_hz = self.label_rate_hz.unwrap_or(config.label_rate_hz);
         config.reference_luminance = self.reference_luminance.or(config.reference_luminance);
         config.pose_step_us = self.pose_step()?.or(config.pose_step_us);
+        config.dense = self.dense;
         config.frame_rate_hz = self.frame_rate_hz.or(config.frame_rate_hz);
         match self.exposure_us {
             Some(exposure_us) if self.frame_rate_hz.is_none() => {

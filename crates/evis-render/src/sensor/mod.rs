@@ -1,6 +1,7 @@
 //! From luminance to events: thresholds alone or the whole sensor chain, on the device or on the host.
 
 pub mod chain;
+pub mod dense;
 pub mod group;
 pub mod host;
 pub mod passes;

@@ -28,6 +28,19 @@ pub struct TriggerStep<'a> {
     workgroups: (u32, u32, u32),
 }
 
+impl<'a> TriggerStep<'a> {
+    /// `pass` over all pixels of `group`.
+    pub fn over_pixels(
+        pass: &'a ComputePass,
+        bindings: wgpu::BindGroup,
+        targets: &Targets,
+        group: &Group,
+    ) -> Self {
+        let workgroups = Walk::Count.workgroups([targets.width, targets.height], group.views.len() as u32);
+        Self { pipeline: &pass.pipeline, bindings, workgroups }
+    }
+}
+
 /// Records `steps` in order.
 pub fn encode_trigger(encoder: &mut Commands, steps: &[TriggerStep<'_>]) {
     let mut pass = encoder.compute("trigger");
@@ -104,17 +117,6 @@ pub fn trigger_steps<'a>(
 /// Steps that count, and steps that emit.
 type Walks<'a> = (Vec<TriggerStep<'a>>, Vec<TriggerStep<'a>>);
 
-/// `pass` over all pixels of `group`.
-fn over_pixels<'a>(
-    pass: &'a ComputePass,
-    bindings: wgpu::BindGroup,
-    targets: &Targets,
-    group: &Group,
-) -> TriggerStep<'a> {
-    let workgroups = Walk::Count.workgroups([targets.width, targets.height], group.views.len() as u32);
-    TriggerStep { pipeline: &pass.pipeline, bindings, workgroups }
-}
-
 /// Count and emit of thresholds alone.
 fn ideal_walks<'a>(
     device: &wgpu::Device,
@@ -160,7 +162,7 @@ fn ideal_walks<'a>(
             texture(&targets.tile_rates_view),
         ],
     );
-    let walk = |pass, bindings| vec![over_pixels(pass, bindings, targets, group)];
+    let walk = |pass, bindings| vec![TriggerStep::over_pixels(pass, bindings, targets, group)];
     (walk(count, counting), walk(emit, emitting))
 }
 
@@ -227,6 +229,7 @@ fn chain_walks<'a>(
             slot.events.as_entire_binding(),
         ],
     );
-    let emitting = vec![over_pixels(&chain.emit, copying, targets, group), walk(&chain.walk, Walk::Emit)];
+    let emitting =
+        vec![TriggerStep::over_pixels(&chain.emit, copying, targets, group), walk(&chain.walk, Walk::Emit)];
     (counting, emitting)
 }

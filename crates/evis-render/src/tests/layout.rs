@@ -68,6 +68,7 @@ pub(super) fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/block.wgsl", &[trigger::BLOCK_BINDINGS]),
         ("trigger/scan.wgsl", &[trigger::SCAN_BINDINGS]),
         ("trigger/emit.wgsl", &[trigger::EMIT_BINDINGS]),
+        ("trigger/dense.wgsl", &[trigger::DENSE_BINDINGS]),
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
         ("adaptive/mean.wgsl", &[adaptive::MEAN_BINDINGS]),
         ("adaptive/resolve.wgsl", &[adaptive::TILE_RESOLVE_BINDINGS]),

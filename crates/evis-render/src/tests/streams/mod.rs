@@ -5,6 +5,7 @@ mod built_in;
 mod bytes;
 mod chain;
 mod decoupled;
+mod dense;
 mod distorted;
 mod environments;
 mod frames;

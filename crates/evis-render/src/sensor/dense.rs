@@ -1,0 +1,296 @@
+//! Dense arrays of events, made on the device where its sensors fire: events stay there, arrays come back.
+//!
+//! Each group of views has an array for every window of time that submissions in flight may write. A submission adds its
+//! events to those that it overlaps; once all events of a window are there, its array is copied out and cleared.
+
+use std::collections::VecDeque;
+
+use evis_representation::Polarities;
+
+use crate::config::dense::{DenseKind, DenseOutput};
+use crate::config::grid::SampleGrid;
+use crate::error::EngineError;
+use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
+use crate::gpu::sizes::{DeviceLimits, UNIFORM_ALIGNMENT};
+use crate::gpu::uniforms::DenseWindow;
+use crate::pass::trigger::DENSE_BINDINGS;
+use crate::pass::{self, ComputePass};
+use crate::sensor::group::{Group, Slot, Unit};
+use crate::sensor::passes::{TriggerPasses, WalkPasses};
+use crate::sensor::targets::Targets;
+use crate::sensor::trigger::TriggerStep;
+
+/// Windows that a submission may overlap, but for those at its ends.
+const MOST_WINDOWS: i64 = 32;
+
+/// The arrays of all groups.
+pub struct DenseArrays {
+    output: DenseOutput,
+    pass: ComputePass,
+    /// By group; none where its events come to the host, which makes arrays of them.
+    groups: Vec<Option<GroupArrays>>,
+    /// By view, whether its group has some.
+    views: Vec<bool>,
+}
+
+/// The arrays of a group of views.
+struct GroupArrays {
+    /// Windows in order, and their arrays, view by view.
+    open: VecDeque<(i64, wgpu::Buffer)>,
+    /// Arrays of zeros.
+    spare: Vec<wgpu::Buffer>,
+    /// Buffers that the host maps, and has read.
+    staging: Vec<wgpu::Buffer>,
+    /// A [`DenseWindow`] for each window of a submission.
+    windows: wgpu::Buffer,
+    /// Bytes of a view.
+    view_bytes: u64,
+    views: u64,
+    /// Everything before this was read back.
+    read_us: i64,
+}
+
+/// A window's arrays on their way to the host.
+pub struct DenseReadback {
+    /// Index of the group.
+    pub group: usize,
+    /// Index of the window.
+    pub window: i64,
+    /// View by view.
+    pub staging: wgpu::Buffer,
+}
+
+impl DenseArrays {
+    /// Prepares arrays for the groups that make their events on the device; `None` where that is none.
+    pub fn new(
+        gpu: &Gpu,
+        output: DenseOutput,
+        (grid, block): (&SampleGrid, u32),
+        passes: &TriggerPasses,
+        targets: &[Targets],
+        groups: &[Group],
+    ) -> Option<Self> {
+        // Places in a voxel grid are found by products of 32 bits.
+        let bins = match output.kind {
+            DenseKind::VoxelGrid { bins, .. } => bins,
+            _ => 1,
+        };
+        let products_fit = output.window_us as u64 * u64::from(bins - 1) <= u64::from(u32::MAX);
+        let block_us = grid.longest_interval_us() * f64::from(block);
+        if !products_fit || block_us > (MOST_WINDOWS * output.window_us) as f64 {
+            return None;
+        }
+        let limits = DeviceLimits::of(&gpu.device);
+        let of = |group: &Group| {
+            let fires = match &*passes.walks[group.targets] {
+                WalkPasses::Ideal { .. } => true,
+                WalkPasses::Chain(_) => group.chain.as_ref().is_some_and(|chain| chain.readouts.is_empty()),
+                WalkPasses::Host => false,
+            };
+            let own = &targets[group.targets];
+            let arrays = GroupArrays::new(gpu, &output, own, group.views.len() as u64);
+            (fires && arrays.bytes() <= limits.storage_binding).then_some(arrays)
+        };
+        let arrays: Vec<_> = groups.iter().map(of).collect();
+        let mut views = vec![false; groups.iter().map(|group| group.views.len()).sum()];
+        for (group, arrays) in groups.iter().zip(&arrays) {
+            group.views.iter().for_each(|view| views[*view] = arrays.is_some());
+        }
+        views.contains(&true).then(|| Self {
+            output,
+            pass: ComputePass::new(
+                &gpu.device,
+                "trigger/dense.wgsl",
+                DENSE_BINDINGS,
+                &constants(&output.kind),
+            ),
+            groups: arrays,
+            views,
+        })
+    }
+
+    /// Whether the events of view `view` become arrays here.
+    pub fn makes_view(&self, view: usize) -> bool {
+        self.views[view]
+    }
+
+    /// Whether the events of `group` become arrays here.
+    pub fn makes(&self, group: usize) -> bool {
+        self.groups[group].is_some()
+    }
+
+    /// Instants of a submission at most, but for whole blocks.
+    pub fn most_instants(&self, grid: &SampleGrid) -> i64 {
+        ((MOST_WINDOWS * self.output.window_us) as f64 / grid.longest_interval_us()) as i64
+    }
+
+    /// Adds the events of `unit`, which `slot` has, to the windows that it overlaps.
+    pub fn steps(
+        &mut self,
+        gpu: &Gpu,
+        grid: &SampleGrid,
+        targets: &Targets,
+        group: &Group,
+        unit: &Unit,
+        slot: &Slot,
+    ) -> Vec<TriggerStep<'_>> {
+        let Self { output, pass, groups, .. } = self;
+        let Some(own) = &mut groups[unit.group] else { return Vec::new() };
+        let base_us = if group.begins(unit) { grid.instant_us(unit.first) } else { unit.base_us(grid) };
+        // A time may be rounded down to the submission's base, and the last instant is part of it.
+        let windows = output.window_of(base_us)..=output.window_of(unit.end_us(grid));
+        let first = *windows.start();
+        own.open_until(gpu, *windows.end(), first);
+        let mut steps = Vec::new();
+        for window in windows {
+            let place = (window - first) as u64 * UNIFORM_ALIGNMENT;
+            let (start_us, end_us) = output.interval(window);
+            let interval = DenseWindow { start: (start_us - base_us) as i32, end: (end_us - base_us) as i32 };
+            gpu.queue.write_buffer(&own.windows, place, bytemuck::bytes_of(&interval));
+            let Some((_, dense)) = own.open.iter().find(|(index, _)| *index == window) else { continue };
+            let bindings = pass::group(
+                &gpu.device,
+                "dense",
+                &pass.layout,
+                DENSE_BINDINGS,
+                vec![
+                    slot.params.as_entire_binding(),
+                    pass::part(&own.windows, place, size_of::<DenseWindow>() as u64),
+                    targets.counts.as_entire_binding(),
+                    targets.prefixes.as_entire_binding(),
+                    targets.block_sums.as_entire_binding(),
+                    group.status.as_entire_binding(),
+                    slot.events.as_entire_binding(),
+                    dense.as_entire_binding(),
+                ],
+            );
+            steps.push(TriggerStep::over_pixels(pass, bindings, targets, group));
+        }
+        steps
+    }
+
+    /// Records copies of the arrays of `group` whose windows end by `complete_us`, all of whose events are there. What is
+    /// recorded must be submitted after what adds to them.
+    pub fn read(
+        &mut self,
+        gpu: &Gpu,
+        encoder: &mut Commands,
+        group: usize,
+        complete_us: i64,
+    ) -> Vec<DenseReadback> {
+        let Some(own) = &mut self.groups[group] else { return Vec::new() };
+        let mut read = Vec::new();
+        let is_whole = |(window, _): &mut (i64, wgpu::Buffer)| self.output.interval(*window).1 <= complete_us;
+        while let Some((window, dense)) = own.open.pop_front_if(is_whole) {
+            let bytes = own.bytes();
+            let staging = own.staging.pop().unwrap_or_else(|| {
+                gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some("dense arrays for the host"),
+                    size: bytes,
+                    usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
+                    mapped_at_creation: false,
+                })
+            });
+            encoder.copy_buffer_to_buffer(&dense, 0, &staging, 0, bytes);
+            encoder.clear_buffer(&dense, 0, None);
+            own.spare.push(dense);
+            read.push(DenseReadback { group, window, staging });
+        }
+        read
+    }
+
+    /// The words of a mapped array, view by view.
+    ///
+    /// # Errors
+    /// Memory that cannot be read.
+    pub fn take(&mut self, readback: DenseReadback) -> Result<Vec<Vec<u32>>, EngineError> {
+        let Some(own) = &mut self.groups[readback.group] else { return Ok(Vec::new()) };
+        let views = {
+            let bytes = readback
+                .staging
+                .get_mapped_range(..)
+                .map_err(|e| EngineError::Device(format!("cannot read dense arrays back: {e}")))?;
+            let words = |view: &[u8]| view.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect();
+            bytes.chunks_exact(own.view_bytes as usize).map(words).collect()
+        };
+        readback.staging.unmap();
+        own.read_us = self.output.interval(readback.window).1;
+        own.staging.push(readback.staging);
+        Ok(views)
+    }
+
+    /// Whether all windows of `group` that end by `until_us` were read back.
+    pub fn is_read(&self, group: usize, until_us: i64) -> bool {
+        let (start_us, _) = self.output.interval(self.output.window_of(until_us));
+        self.groups[group].as_ref().is_none_or(|own| own.read_us >= start_us)
+    }
+
+    /// Records that nothing has fired in view `place` of `group` so far.
+    pub fn clear(&self, encoder: &mut Commands, group: usize, place: usize) {
+        let Some(own) = &self.groups[group] else { return };
+        for (_, dense) in &own.open {
+            encoder.clear_buffer(dense, place as u64 * own.view_bytes, Some(own.view_bytes));
+        }
+    }
+}
+
+impl GroupArrays {
+    fn new(gpu: &Gpu, output: &DenseOutput, targets: &Targets, views: u64) -> Self {
+        let pixels = u64::from(targets.width) * u64::from(targets.height);
+        // Of a frame, polarities apart: the host takes their difference.
+        let planes = match output.kind {
+            DenseKind::EventFrame => 2,
+            _ => output.kind.planes().iter().product::<usize>() as u64,
+        };
+        let windows = gpu.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("windows of dense arrays"),
+            size: (MOST_WINDOWS as u64 + 2) * UNIFORM_ALIGNMENT,
+            usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        });
+        Self {
+            open: VecDeque::new(),
+            spare: Vec::new(),
+            staging: Vec::new(),
+            windows,
+            view_bytes: 4 * planes * pixels,
+            views,
+            read_us: 0,
+        }
+    }
+
+    const fn bytes(&self) -> u64 {
+        self.view_bytes * self.views
+    }
+
+    /// Opens what is not open up to window `last`; where nothing is, from window `first` on.
+    fn open_until(&mut self, gpu: &Gpu, last: i64, first: i64) {
+        let next = self.open.back().map_or(first, |(window, _)| window + 1);
+        for window in next..=last {
+            let bytes = self.bytes();
+            let dense = self.spare.pop().unwrap_or_else(|| {
+                gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                    label: Some("dense arrays"),
+                    size: bytes,
+                    usage: wgpu::BufferUsages::STORAGE
+                        | wgpu::BufferUsages::COPY_SRC
+                        | wgpu::BufferUsages::COPY_DST,
+                    mapped_at_creation: false,
+                })
+            });
+            self.open.push_back((window, dense));
+        }
+    }
+}
+
+/// What `trigger/dense.wgsl` is compiled with.
+fn constants(kind: &DenseKind) -> [(&'static str, f64); 2] {
+    let (kind, bins) = match *kind {
+        DenseKind::EventFrame | DenseKind::Counts => (0.0, 1),
+        DenseKind::VoxelGrid { bins, polarities: Polarities::Signed, .. } => (1.0, bins),
+        DenseKind::VoxelGrid { bins, polarities: Polarities::Split, .. } => (2.0, bins),
+        DenseKind::TimeSurface { .. } => (3.0, 1),
+    };
+    [("KIND", kind), ("BINS", f64::from(bins))]
+}
