@@ -3,7 +3,8 @@
 ``python benches/host_overhead.py [ENVIRONMENTS ...]`` steps a batch in which every environment has a pose of
 one node for each instant. `poses` is Python's part of `Simulator.step`, from arrays to the engine; `engine`
 is what the engine does on the processor to prepare the work of its device (`Report.host_ms`), rendering left
-out; `rest` is the step without waiting for the device, less these.
+out; `rest` is the step without waiting for the device, less these; `rest, counts` the same where packets
+carry counts in the place of events.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ def scene(environments: int) -> evis.Scene:
     return builder.build()
 
 
-def measure(environments: int) -> tuple[float, float, float]:
+def measure(environments: int, dense: str | None = None) -> tuple[float, float, float]:
     """Return microseconds per environment and instant: poses, engine, rest."""
     sim = evis.Simulator(
         scene(environments),
@@ -42,6 +43,7 @@ def measure(environments: int) -> tuple[float, float, float]:
         samples=1,
         reference_luminance=1.0,
         method="native",
+        dense=dense,
     )
     found: list[tuple[float, float, float]] = []
     for step in range(1, STEPS + 1):
@@ -70,10 +72,11 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("environments", nargs="*", type=int, default=[1, 8, 64, 256])
-    print("| environments | poses | engine | rest |\n|--:|--:|--:|--:|")
+    print("| environments | poses | engine | rest | rest, counts |\n|--:|--:|--:|--:|--:|")
     for environments in parser.parse_args().environments:
         poses, engine, rest = measure(environments)
-        print(f"| {environments} | {poses:.1f} | {engine:.1f} | {rest:.1f} |", flush=True)
+        *_, counted = measure(environments, "counts")
+        print(f"| {environments} | {poses:.1f} | {engine:.1f} | {rest:.1f} | {counted:.1f} |", flush=True)
 
 
 if __name__ == "__main__":

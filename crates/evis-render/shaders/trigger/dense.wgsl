@@ -1,7 +1,5 @@
-#import trigger/layout.wgsl
-// Adds the events of a submission to a dense array of one window of time, where the host takes arrays in the place of
-// events. A pixel's events lie one after the other, in time order, and its invocation alone writes its values: no atomic,
-// and sums are the same in every run.
+// Adds events to the dense array of one window of time, where the host takes arrays in the place of events. A pixel's events
+// come in time order, and one invocation writes its values: no atomic, and sums are the same in every run.
 
 // What is made: 0 events per polarity; 1 a voxel grid; 2 a voxel grid per polarity; 3 when a pixel fired last, per polarity.
 override KIND: u32 = 0u;
@@ -14,63 +12,52 @@ struct DenseWindow {
     end: i32,
 };
 
-@group(0) @binding(0) var<uniform> params: TriggerParams;
-@group(0) @binding(1) var<uniform> window: DenseWindow;
-@group(0) @binding(2) var<storage, read> counts: array<u32>;
-@group(0) @binding(3) var<storage, read> prefixes: array<u32>;
-@group(0) @binding(4) var<storage, read> block_offsets: array<u32>;
-@group(0) @binding(5) var<storage, read_write> status: Status;
-@group(0) @binding(6) var<storage, read> events: array<vec2<u32>>;
+@group(0) @binding(9) var<uniform> window: DenseWindow;
 // View by view, plane by plane, row by row; of voxel grids the bits of floats.
-@group(0) @binding(7) var<storage, read_write> dense: array<u32>;
+@group(0) @binding(10) var<storage, read_write> dense: array<u32>;
 
-fn add(at: u32, value: f32) {
+// Where the values of a pixel of `size` pixels begin, and how far apart its planes are.
+struct DensePlace {
+    first: u32,
+    plane: u32,
+};
+
+fn dense_place(id: vec3<u32>, size: vec2<u32>) -> DensePlace {
+    let plane = size.x * size.y;
+    let planes = select(2u, select(BINS, 2u * BINS, KIND == 2u), KIND == 1u || KIND == 2u);
+    return DensePlace(id.z * planes * plane + id.y * size.x + id.x, plane);
+}
+
+fn add_value(at: u32, value: f32) {
     dense[at] = bitcast<u32>(bitcast<f32>(dense[at]) + value);
 }
 
-@compute @workgroup_size(WORKGROUP)
-fn main(@builtin(global_invocation_id) id: vec3<u32>) {
-    let index = (id.z * params.height + id.y) * params.stride + id.x;
-    if (status.stalled != 0u || id.x >= params.width) {
+// An event `t` microseconds after the submission's base.
+fn add_event(place: DensePlace, t: u32, polarity: u32) {
+    if (i32(t) < window.start || i32(t) >= window.end) {
         return;
     }
-    let count = counts[index];
-    if (count == 0u) {
-        return;
-    }
-    let first = block_offsets[index / BLOCK_PIXELS] + prefixes[index];
-    let plane = params.width * params.height;
-    let planes = select(2u, select(BINS, 2u * BINS, KIND == 2u), KIND == 1u || KIND == 2u);
-    let pixel = id.z * planes * plane + id.y * params.width + id.x;
-    for (var i = 0u; i < count; i++) {
-        let event = events[first + i];
-        let t = i32(event.x);
-        if (t < window.start || t >= window.end) {
-            continue;
+    let since = u32(i32(t) - window.start);
+    if (KIND == 0u) {
+        dense[place.first + polarity * place.plane] += 1u;
+    } else if (KIND == 3u) {
+        // 0 is never.
+        dense[place.first + polarity * place.plane] = since + 1u;
+    } else {
+        let length = u32(window.end - window.start);
+        let weighted = since * (BINS - 1u);
+        let bin = weighted / length;
+        let later = f32(weighted % length) / f32(length);
+        var worth = 1.0;
+        var at = place.first + bin * place.plane;
+        if (KIND == 2u) {
+            at += polarity * BINS * place.plane;
+        } else if (polarity == 0u) {
+            worth = -1.0;
         }
-        let since = u32(t - window.start);
-        let polarity = (event.y >> 26u) & 1u;
-        if (KIND == 0u) {
-            dense[pixel + polarity * plane] += 1u;
-        } else if (KIND == 3u) {
-            // 0 is never.
-            dense[pixel + polarity * plane] = since + 1u;
-        } else {
-            let length = u32(window.end - window.start);
-            let place = since * (BINS - 1u);
-            let bin = place / length;
-            let later = f32(place % length) / f32(length);
-            var worth = 1.0;
-            var at = pixel + bin * plane;
-            if (KIND == 2u) {
-                at += polarity * BINS * plane;
-            } else if (polarity == 0u) {
-                worth = -1.0;
-            }
-            add(at, worth * (1.0 - later));
-            if (bin + 1u < BINS) {
-                add(at + plane, worth * later);
-            }
+        add_value(at, worth * (1.0 - later));
+        if (bin + 1u < BINS) {
+            add_value(at + place.plane, worth * later);
         }
     }
 }

@@ -113,15 +113,15 @@ impl Stages {
         }
         if stage >= Stage::Count {
             let (gpu, grid) = (&context.gpu, &context.grid);
-            let steps = trigger::trigger_steps(gpu, passes, grid, targets, group, &unit, slot);
+            let is_whole = stage >= Stage::Emit;
+            let mut dense = dense.filter(|_| is_whole);
+            let own = dense.as_deref_mut();
+            let steps = trigger::trigger_steps(gpu, passes, grid, targets, group, &unit, slot, own);
+            let chain = group.chain.is_some();
+            let count = if is_whole { steps.len() } else { stage.trigger_steps(steps.len(), chain) };
             trigger::clear_tallies(&mut encoder, group);
-            trigger::encode_trigger(
-                &mut encoder,
-                &steps[..stage.trigger_steps(steps.len(), group.chain.is_some())],
-            );
-            if let Some(dense) = dense.filter(|_| stage >= Stage::Emit) {
-                let steps = dense.steps(gpu, grid, targets, group, &unit, slot);
-                trigger::encode_trigger(&mut encoder, &steps);
+            trigger::encode_trigger(&mut encoder, &steps[..count]);
+            if let Some(dense) = dense {
                 dense.read(gpu, &mut encoder, 0, unit.base_us(grid));
             }
         }

@@ -274,7 +274,8 @@ fn trigger_passes(
     let sensors: Vec<(&SensorConfig, u32)> = views.map(|view| (&view.sensor, samples.of(view).0)).collect();
     let unknown = matches!(&config.method, Method::Splat(warp) if warp.variant == WarpVariant::Splat);
     let blocks = Blocks { instants: config.block(), between: config.between };
-    TriggerPasses::new(&context.gpu.device, &sensors, unknown, blocks)
+    let dense = config.dense.as_ref().map(|output| &output.kind);
+    TriggerPasses::new(&context.gpu.device, &sensors, unknown, blocks, dense)
 }
 
 fn sampling(

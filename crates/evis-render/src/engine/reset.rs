@@ -167,7 +167,7 @@ impl Engine {
             Some(index) => self.free.swap_remove(index),
             None => Slot::new(&context.gpu.device, self.capacity, header),
         };
-        let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, &unit, &slot);
+        let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, &unit, &slot, None);
         clear_tallies(&mut encoder, group);
         encode_trigger(&mut encoder, &steps);
         group.keep_beginning(&mut encoder);

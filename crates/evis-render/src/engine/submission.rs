@@ -27,15 +27,10 @@ pub fn encode(
     // Luminance of every pixel at every instant, by whatever method.
     let readbacks = tracing::trace_span!("sampling", instants = unit.instants)
         .in_scope(|| sampling.encode(context, encoder, targets, group, unit));
-    // Events of it.
-    let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, unit, slot);
+    // Events of it, or arrays of them.
+    let steps = trigger_steps(&context.gpu, passes, &context.grid, targets, group, unit, slot, dense);
     clear_tallies(encoder, group);
     encode_trigger(encoder, &steps);
-    // Arrays of them, where they stay on the device.
-    if let Some(dense) = dense {
-        let steps = dense.steps(&context.gpu, &context.grid, targets, group, unit, slot);
-        encode_trigger(encoder, &steps);
-    }
     // Counts, offsets and events to the host.
     let header = size_of::<Status>() as u64;
     encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, header);

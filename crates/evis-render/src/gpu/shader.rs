@@ -55,7 +55,9 @@ shaders![
     "trigger/block.wgsl",
     "trigger/scan.wgsl",
     "trigger/emit.wgsl",
+    "trigger/visit.wgsl",
     "trigger/dense.wgsl",
+    "trigger/emit_dense.wgsl",
     "trigger/resolve.wgsl",
     "trigger/tile_rate.wgsl",
     "trigger/between.wgsl",
@@ -74,6 +76,7 @@ shaders![
     "chain/walk.wgsl",
     "chain/begin.wgsl",
     "chain/emit.wgsl",
+    "chain/dense.wgsl",
 ];
 
 /// The text of one file.

@@ -80,16 +80,29 @@ pub const KEPT_BINDINGS: &[Binding] = &[
     bind(6, "events", Access::Write),
 ];
 
-/// `trigger/dense.wgsl`.
-pub const DENSE_BINDINGS: &[Binding] = &[
+/// `trigger/emit_dense.wgsl`.
+pub const EMIT_DENSE_BINDINGS: &[Binding] = &[
     bind(0, "params", Access::Uniform),
-    bind(1, "window", Access::Uniform),
-    bind(2, "counts", Access::Read),
-    bind(3, "prefixes", Access::Read),
-    bind(4, "block_offsets", Access::Read),
-    bind(5, "status", Access::Write),
+    bind(1, "sensors", Access::Picture),
+    bind(2, "means", Access::ReadLayers),
+    bind(3, "memory_in", Access::ReadLayersWords),
+    bind(4, "memory_out", Access::ReadLayersWords),
+    bind(7, "status", Access::Write),
+    bind(9, "window", Access::Uniform),
+    bind(10, "dense", Access::Write),
+    bind(TILE_RATES_BINDING, "tile_rates", Access::UintLayers),
+];
+
+/// `chain/dense.wgsl`.
+pub const CHAIN_DENSE_BINDINGS: &[Binding] = &[
+    bind(0, "params", Access::Uniform),
+    bind(1, "counts", Access::Read),
+    bind(2, "prefixes", Access::Read),
+    bind(3, "block_offsets", Access::Read),
+    bind(4, "status", Access::Write),
     bind(6, "events", Access::Read),
-    bind(7, "dense", Access::Write),
+    bind(9, "window", Access::Uniform),
+    bind(10, "dense", Access::Write),
 ];
 
 /// `trigger/resolve.wgsl`.

@@ -5,8 +5,6 @@
 
 use std::collections::VecDeque;
 
-use evis_representation::Polarities;
-
 use crate::config::dense::{DenseKind, DenseOutput};
 use crate::config::grid::SampleGrid;
 use crate::error::EngineError;
@@ -14,8 +12,8 @@ use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
 use crate::gpu::sizes::{DeviceLimits, UNIFORM_ALIGNMENT};
 use crate::gpu::uniforms::DenseWindow;
-use crate::pass::trigger::DENSE_BINDINGS;
-use crate::pass::{self, ComputePass};
+use crate::pass;
+use crate::pass::trigger::{CHAIN_DENSE_BINDINGS, EMIT_DENSE_BINDINGS};
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
 use crate::sensor::targets::Targets;
@@ -27,7 +25,6 @@ const MOST_WINDOWS: i64 = 32;
 /// The arrays of all groups.
 pub struct DenseArrays {
     output: DenseOutput,
-    pass: ComputePass,
     /// By group; none where its events come to the host, which makes arrays of them.
     groups: Vec<Option<GroupArrays>>,
     /// By view, whether its group has some.
@@ -97,17 +94,7 @@ impl DenseArrays {
         for (group, arrays) in groups.iter().zip(&arrays) {
             group.views.iter().for_each(|view| views[*view] = arrays.is_some());
         }
-        views.contains(&true).then(|| Self {
-            output,
-            pass: ComputePass::new(
-                &gpu.device,
-                "trigger/dense.wgsl",
-                DENSE_BINDINGS,
-                &constants(&output.kind),
-            ),
-            groups: arrays,
-            views,
-        })
+        views.contains(&true).then(|| Self { output, groups: arrays, views })
     }
 
     /// Whether the events of view `view` become arrays here.
@@ -125,18 +112,22 @@ impl DenseArrays {
         ((MOST_WINDOWS * self.output.window_us) as f64 / grid.longest_interval_us()) as i64
     }
 
-    /// Adds the events of `unit`, which `slot` has, to the windows that it overlaps.
-    pub fn steps(
+    /// Steps that add the events of `unit` to the windows that it overlaps: where a sensor is thresholds alone as they fire, of
+    /// others the events that `slot` has.
+    pub fn steps<'a>(
         &mut self,
         gpu: &Gpu,
+        passes: &'a TriggerPasses,
         grid: &SampleGrid,
         targets: &Targets,
         group: &Group,
         unit: &Unit,
         slot: &Slot,
-    ) -> Vec<TriggerStep<'_>> {
-        let Self { output, pass, groups, .. } = self;
-        let Some(own) = &mut groups[unit.group] else { return Vec::new() };
+    ) -> Vec<TriggerStep<'a>> {
+        let Self { output, groups, .. } = self;
+        let (Some(own), Some(pass)) = (&mut groups[unit.group], &passes.dense[group.targets]) else {
+            return Vec::new();
+        };
         let base_us = if group.begins(unit) { grid.instant_us(unit.first) } else { unit.base_us(grid) };
         // A time may be rounded down to the submission's base, and the last instant is part of it.
         let windows = output.window_of(base_us)..=output.window_of(unit.end_us(grid));
@@ -149,22 +140,38 @@ impl DenseArrays {
             let interval = DenseWindow { start: (start_us - base_us) as i32, end: (end_us - base_us) as i32 };
             gpu.queue.write_buffer(&own.windows, place, bytemuck::bytes_of(&interval));
             let Some((_, dense)) = own.open.iter().find(|(index, _)| *index == window) else { continue };
-            let bindings = pass::group(
-                &gpu.device,
-                "dense",
-                &pass.layout,
-                DENSE_BINDINGS,
-                vec![
-                    slot.params.as_entire_binding(),
-                    pass::part(&own.windows, place, size_of::<DenseWindow>() as u64),
-                    targets.counts.as_entire_binding(),
-                    targets.prefixes.as_entire_binding(),
-                    targets.block_sums.as_entire_binding(),
-                    group.status.as_entire_binding(),
-                    slot.events.as_entire_binding(),
-                    dense.as_entire_binding(),
-                ],
-            );
+            let interval = pass::part(&own.windows, place, size_of::<DenseWindow>() as u64);
+            let texture = wgpu::BindingResource::TextureView;
+            let (declared, resources) = match &*passes.walks[group.targets] {
+                WalkPasses::Ideal { .. } => (
+                    EMIT_DENSE_BINDINGS,
+                    vec![
+                        slot.params.as_entire_binding(),
+                        texture(&group.sensors),
+                        texture(targets.mean_layers()),
+                        texture(&group.memory[group.parity]),
+                        texture(&group.memory[1 - group.parity]),
+                        group.status.as_entire_binding(),
+                        interval,
+                        dense.as_entire_binding(),
+                        texture(&targets.tile_rates_view),
+                    ],
+                ),
+                _ => (
+                    CHAIN_DENSE_BINDINGS,
+                    vec![
+                        slot.params.as_entire_binding(),
+                        targets.counts.as_entire_binding(),
+                        targets.prefixes.as_entire_binding(),
+                        targets.block_sums.as_entire_binding(),
+                        group.status.as_entire_binding(),
+                        slot.events.as_entire_binding(),
+                        interval,
+                        dense.as_entire_binding(),
+                    ],
+                ),
+            };
+            let bindings = pass::group(&gpu.device, "dense", &pass.layout, declared, resources);
             steps.push(TriggerStep::over_pixels(pass, bindings, targets, group));
         }
         steps
@@ -282,15 +289,4 @@ impl GroupArrays {
             self.open.push_back((window, dense));
         }
     }
-}
-
-/// What `trigger/dense.wgsl` is compiled with.
-fn constants(kind: &DenseKind) -> [(&'static str, f64); 2] {
-    let (kind, bins) = match *kind {
-        DenseKind::EventFrame | DenseKind::Counts => (0.0, 1),
-        DenseKind::VoxelGrid { bins, polarities: Polarities::Signed, .. } => (1.0, bins),
-        DenseKind::VoxelGrid { bins, polarities: Polarities::Split, .. } => (2.0, bins),
-        DenseKind::TimeSurface { .. } => (3.0, 1),
-    };
-    [("KIND", kind), ("BINS", f64::from(bins))]
 }

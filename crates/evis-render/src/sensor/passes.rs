@@ -3,10 +3,14 @@
 use std::sync::Arc;
 
 use evis_core::{SensorConfig, TriggerRule};
+use evis_representation::Polarities;
 
 use crate::config::Interpolation;
+use crate::config::dense::DenseKind;
 use crate::pass::ComputePass;
-use crate::pass::trigger::{BLOCK_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, SCAN_BINDINGS};
+use crate::pass::trigger::{
+    BLOCK_BINDINGS, CHAIN_DENSE_BINDINGS, COUNT_BINDINGS, EMIT_BINDINGS, EMIT_DENSE_BINDINGS, SCAN_BINDINGS,
+};
 use crate::sensor::chain::{ChainPasses, ChainPlan};
 
 /// Blocks of instants, within which tiles have rates of their own.
@@ -90,6 +94,8 @@ pub struct TriggerPasses {
     pub block: ComputePass,
     /// Offsets of blocks and views.
     pub scan: ComputePass,
+    /// What adds events to dense arrays, by class of views, where packets carry arrays; none where the host walks.
+    pub dense: Vec<Option<ComputePass>>,
 }
 
 impl TriggerPasses {
@@ -101,6 +107,7 @@ impl TriggerPasses {
         sensors: &[(&SensorConfig, u32)],
         unknown: bool,
         blocks: Blocks,
+        dense: Option<&DenseKind>,
     ) -> Self {
         let mut walks: Vec<Arc<WalkPasses>> = Vec::with_capacity(sensors.len());
         for (sensor, samples) in sensors {
@@ -112,7 +119,20 @@ impl TriggerPasses {
                 walk.unwrap_or_else(|| Arc::new(WalkPasses::new(device, sensor, *samples, unknown, blocks))),
             );
         }
+        let adding = |(sensor, _): &(&SensorConfig, u32)| {
+            let constants = dense_constants(dense?);
+            match (sensor.walks_on_host(), sensor.is_ideal()) {
+                (true, _) => None,
+                (_, true) => {
+                    let constants = [&ideal_constants(sensor, unknown, blocks)[..], &constants].concat();
+                    let file = "trigger/emit_dense.wgsl";
+                    Some(ComputePass::new(device, file, EMIT_DENSE_BINDINGS, &constants))
+                }
+                _ => Some(ComputePass::new(device, "chain/dense.wgsl", CHAIN_DENSE_BINDINGS, &constants)),
+            }
+        };
         Self {
+            dense: sensors.iter().map(adding).collect(),
             walks,
             block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),
             scan: ComputePass::new(device, "trigger/scan.wgsl", SCAN_BINDINGS, &[]),
@@ -126,6 +146,17 @@ impl TriggerPasses {
             WalkPasses::Chain(chain) => Some(chain),
         }
     }
+}
+
+/// What `trigger/dense.wgsl` is compiled with.
+fn dense_constants(kind: &DenseKind) -> [(&'static str, f64); 2] {
+    let (kind, bins) = match *kind {
+        DenseKind::EventFrame | DenseKind::Counts => (0.0, 1),
+        DenseKind::VoxelGrid { bins, polarities: Polarities::Signed, .. } => (1.0, bins),
+        DenseKind::VoxelGrid { bins, polarities: Polarities::Split, .. } => (2.0, bins),
+        DenseKind::TimeSurface { .. } => (3.0, 1),
+    };
+    [("KIND", kind), ("BINS", f64::from(bins))]
 }
 
 fn ideal_constants(sensor: &SensorConfig, unknown: bool, blocks: Blocks) -> [(&'static str, f64); 4] {

@@ -10,6 +10,7 @@ use crate::pass::trigger::{
 };
 use crate::pass::{self, ComputePass};
 use crate::sensor::chain::{ChainPasses, Walk};
+use crate::sensor::dense::DenseArrays;
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
 use crate::sensor::targets::Targets;
@@ -49,7 +50,8 @@ pub fn encode_trigger(encoder: &mut Commands, steps: &[TriggerStep<'_>]) {
     }
 }
 
-/// Count, prefix, scan, emit.
+/// Count, prefix, scan, emit; dense arrays in the place of events where `dense` makes them of the group.
+#[expect(clippy::too_many_arguments, reason = "what the passes read and write")]
 pub fn trigger_steps<'a>(
     gpu: &Gpu,
     passes: &'a TriggerPasses,
@@ -58,7 +60,9 @@ pub fn trigger_steps<'a>(
     group: &Group,
     unit: &Unit,
     slot: &Slot,
+    dense: Option<&mut DenseArrays>,
 ) -> Vec<TriggerStep<'a>> {
+    let dense = dense.filter(|own| own.makes(unit.group));
     let (device, queue) = (&gpu.device, &gpu.queue);
     let views = group.views.len() as u32;
     let stride = row_stride(targets.width);
@@ -69,7 +73,8 @@ pub fn trigger_steps<'a>(
         block_count: blocks_per_view * views,
         blocks_per_view,
         view_count: views,
-        event_capacity: slot.capacity,
+        // Where arrays are made as pixels fire, there is no list that events must fit.
+        event_capacity: if dense.is_some() && group.chain.is_none() { u32::MAX } else { slot.capacity },
     };
     queue.write_buffer(&slot.scan_params, 0, bytemuck::bytes_of(&scan));
 
@@ -110,7 +115,14 @@ pub fn trigger_steps<'a>(
         workgroups: (block_x, block_y, 1),
     });
     steps.push(TriggerStep { pipeline: &passes.scan.pipeline, bindings: scan, workgroups: (1, 1, 1) });
-    steps.extend(emitting);
+    let Some(own) = dense else {
+        steps.extend(emitting);
+        return steps;
+    };
+    if group.chain.is_some() {
+        steps.extend(emitting);
+    }
+    steps.extend(own.steps(gpu, passes, grid, targets, group, unit, slot));
     steps
 }
 

@@ -68,7 +68,8 @@ pub(super) fn entries() -> Vec<(&'static str, Groups)> {
         ("trigger/block.wgsl", &[trigger::BLOCK_BINDINGS]),
         ("trigger/scan.wgsl", &[trigger::SCAN_BINDINGS]),
         ("trigger/emit.wgsl", &[trigger::EMIT_BINDINGS]),
-        ("trigger/dense.wgsl", &[trigger::DENSE_BINDINGS]),
+        ("trigger/emit_dense.wgsl", &[trigger::EMIT_DENSE_BINDINGS]),
+        ("chain/dense.wgsl", &[trigger::CHAIN_DENSE_BINDINGS]),
         ("trigger/resolve.wgsl", &[trigger::RESOLVE_BINDINGS]),
         ("adaptive/mean.wgsl", &[adaptive::MEAN_BINDINGS]),
         ("adaptive/resolve.wgsl", &[adaptive::TILE_RESOLVE_BINDINGS]),
@@ -347,6 +348,7 @@ fn host_and_shader_structs_have_one_layout() {
         "ViewSensor",
         uniforms::ViewSensor { threshold_on, threshold_off, log_eps, inverse_reference_luminance }
     );
+    same_layout!("chain/dense.wgsl", "DenseWindow", uniforms::DenseWindow { start, end });
     same_layout!("trigger/count.wgsl", "PixelMemory", uniforms::PixelMemory { reference_log, log_luma });
     same_layout!(
         "trigger/count.wgsl",

@@ -11,6 +11,7 @@ use evis_core::sensor::{
     Refractory, RefractoryRule, SensorConfig, Start, Times,
 };
 use evis_core::{LabelKind, TriggerRule, Warp};
+use evis_representation::{Decay, Polarities};
 use evis_scene::{Distortion, Scene};
 use naga::back::{hlsl, msl, spv};
 use naga::valid::{Capabilities, ValidationFlags, Validator};
@@ -18,6 +19,7 @@ use naga::{AddressSpace, ShaderStage};
 
 use super::layout::{entries, variants};
 use super::raster_scenes;
+use crate::config::dense::DenseKind;
 use crate::config::{Antialias, Interpolation, Method, RunConfig, Shadows};
 use crate::engine::Engine;
 use crate::gpu::Gpu;
@@ -160,6 +162,17 @@ fn sensors() -> Vec<SensorConfig> {
     presets.chain([linlog, leaking, shared, latch, noisy_latch]).collect()
 }
 
+/// Every way to add an event to a dense array.
+fn dense_kinds() -> [DenseKind; 4] {
+    let grid = |polarities| DenseKind::VoxelGrid { bins: 5, polarities, normalize: false };
+    [
+        DenseKind::Counts,
+        grid(Polarities::Signed),
+        grid(Polarities::Split),
+        DenseKind::TimeSurface { tau_us: 1e4, decay: Decay::Linear },
+    ]
+}
+
 /// Every trigger pipeline.
 fn build_triggers(gpu: &Gpu) {
     for sensor in sensors() {
@@ -169,7 +182,9 @@ fn build_triggers(gpu: &Gpu) {
                     [(1, Interpolation::Line), (16, Interpolation::Line), (16, Interpolation::Curve)]
                 {
                     let blocks = Blocks { instants, between };
-                    TriggerPasses::new(&gpu.device, &[(&sensor, samples)], unknown, blocks);
+                    for dense in dense_kinds() {
+                        TriggerPasses::new(&gpu.device, &[(&sensor, samples)], unknown, blocks, Some(&dense));
+                    }
                 }
             }
         }

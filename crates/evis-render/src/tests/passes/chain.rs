@@ -99,7 +99,7 @@ fn run_with_lists(
 ) -> Ran {
     let longest = cuts.iter().copied().max().unwrap();
     let plan = Plan { views_per_group: VIEWS as u32, instants: longest, layers: VIEWS as u32 * longest };
-    let passes = TriggerPasses::new(&gpu.device, &[(sensor, 1)], true, Blocks::NONE);
+    let passes = TriggerPasses::new(&gpu.device, &[(sensor, 1)], true, Blocks::NONE, None);
     let chain = passes.chain(0).expect("more than thresholds");
     let mut targets =
         Targets::new(&gpu.device, WIDTH, HEIGHT, plan, LayerUse::Rendered, Some(&chain.plan), 1);
@@ -146,7 +146,7 @@ fn run_with_lists(
         slot.feed(gpu, &words);
         let mut encoder = Commands::new(gpu, "test");
         encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);
-        let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot);
+        let steps = trigger_steps(gpu, &passes, grid, &targets, &group, &unit, &slot, None);
         encode_trigger(&mut encoder, &steps);
         let (header, status_bytes) = (group.header_bytes(), size_of::<Status>());
         encoder.copy_buffer_to_buffer(&group.status, 0, &slot.staging, 0, status_bytes as u64);

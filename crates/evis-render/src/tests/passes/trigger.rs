@@ -129,9 +129,9 @@ fn run_unit(
     let group = Group::new(gpu, 0, &targets, vec![0, 1], sensors, None);
     let slot = Slot::new(&gpu.device, capacity, group.header_bytes());
     let rules = SensorConfig { trigger, ..Default::default() };
-    let passes = TriggerPasses::new(&gpu.device, &[(&rules, samples)], unknown, blocks);
+    let passes = TriggerPasses::new(&gpu.device, &[(&rules, samples)], unknown, blocks, None);
     let mut encoder = Commands::new(gpu, "test");
-    let steps = trigger_steps(gpu, &passes, grid, &targets, &group, unit, &slot);
+    let steps = trigger_steps(gpu, &passes, grid, &targets, &group, unit, &slot, None);
     encode_trigger(&mut encoder, &steps);
     let header = group.header_bytes();
     let status_bytes = size_of::<Status>();

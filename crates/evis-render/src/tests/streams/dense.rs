@@ -190,7 +190,9 @@ fn packets_and_small_buffers_change_no_array() {
         let ends = [15_000, UNTIL_US];
         // Made on the device: an engine makes none on the host.
         let packets: Vec<_> = ends.into_iter().map(|t| engine.deliver(t, UNTIL_US).unwrap()).collect();
-        assert!(packets.iter().map(|packet| packet.report.reruns).sum::<u64>() > 0);
+        let reruns = packets.iter().map(|packet| packet.report.reruns).sum::<u64>();
+        // Of thresholds alone there is no list of events that could be too short.
+        assert_eq!(reruns > 0, !config.sensor.is_ideal(), "{kind:?}: {reruns} reruns");
         assert!(windows(packets.into_iter()) == expected, "{kind:?}: buffers that grow");
     }
 }
