@@ -6,13 +6,13 @@ override KIND: u32 = 0u;
 // Of a voxel grid.
 override BINS: u32 = 1u;
 
-struct DenseWindow {
+struct WindowBounds {
     // Microseconds from the submission's base to the window's start, which may lie before it, and to its end.
     start: i32,
     end: i32,
 };
 
-@group(0) @binding(9) var<uniform> window: DenseWindow;
+@group(0) @binding(9) var<uniform> window: WindowBounds;
 // View by view, plane by plane, row by row; of voxel grids the bits of floats.
 @group(0) @binding(10) var<storage, read_write> dense: array<u32>;
 

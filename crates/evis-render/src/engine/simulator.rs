@@ -171,8 +171,8 @@ impl Simulator {
         let host_poses = scene.host_poses.clone();
         let whole = Arc::clone(&scene);
         let lenses = views.iter().map(|view| view.own_lens).collect();
-        let sizes = || views.iter().map(View::size).collect();
-        let dense = config.dense.map(|output| HostArrays::new(output, sizes()));
+        let dense =
+            config.dense.map(|output| HostArrays::new(output, views.iter().map(View::size).collect()));
         if host_poses.is_some() {
             check_driven(&config, views.iter().map(|view| &view.sensor))?;
         }

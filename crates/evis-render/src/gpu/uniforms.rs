@@ -174,10 +174,10 @@ pub struct TriggerParams {
     pub spans: [[u32; 4]; MAX_INSTANTS as usize],
 }
 
-/// `DenseWindow` in `trigger/dense.wgsl`.
+/// `WindowBounds` in `trigger/dense.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
-pub struct DenseWindow {
+pub struct WindowBounds {
     /// Microseconds from the submission's base to the window's start.
     pub start: i32,
     /// And to its end.

@@ -11,7 +11,7 @@ use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
 use crate::gpu::sizes::{DeviceLimits, UNIFORM_ALIGNMENT};
-use crate::gpu::uniforms::DenseWindow;
+use crate::gpu::uniforms::WindowBounds;
 use crate::pass;
 use crate::pass::trigger::{CHAIN_DENSE_BINDINGS, EMIT_DENSE_BINDINGS};
 use crate::sensor::group::{Group, Slot, Unit};
@@ -39,7 +39,7 @@ struct GroupArrays {
     spare: Vec<wgpu::Buffer>,
     /// Buffers that the host maps, and has read.
     staging: Vec<wgpu::Buffer>,
-    /// A [`DenseWindow`] for each window of a submission.
+    /// A [`WindowBounds`] for each window of a submission.
     windows: wgpu::Buffer,
     /// Bytes of a view.
     view_bytes: u64,
@@ -114,6 +114,7 @@ impl DenseArrays {
 
     /// Steps that add the events of `unit` to the windows that it overlaps: where a sensor is thresholds alone as they fire, of
     /// others the events that `slot` has.
+    #[expect(clippy::too_many_arguments, reason = "what the passes read and write")]
     pub fn steps<'a>(
         &mut self,
         gpu: &Gpu,
@@ -137,10 +138,10 @@ impl DenseArrays {
         for window in windows {
             let place = (window - first) as u64 * UNIFORM_ALIGNMENT;
             let (start_us, end_us) = output.interval(window);
-            let interval = DenseWindow { start: (start_us - base_us) as i32, end: (end_us - base_us) as i32 };
-            gpu.queue.write_buffer(&own.windows, place, bytemuck::bytes_of(&interval));
+            let bounds = WindowBounds { start: (start_us - base_us) as i32, end: (end_us - base_us) as i32 };
+            gpu.queue.write_buffer(&own.windows, place, bytemuck::bytes_of(&bounds));
             let Some((_, dense)) = own.open.iter().find(|(index, _)| *index == window) else { continue };
-            let interval = pass::part(&own.windows, place, size_of::<DenseWindow>() as u64);
+            let interval = pass::part(&own.windows, place, size_of::<WindowBounds>() as u64);
             let texture = wgpu::BindingResource::TextureView;
             let (declared, resources) = match &*passes.walks[group.targets] {
                 WalkPasses::Ideal { .. } => (
