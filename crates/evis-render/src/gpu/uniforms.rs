@@ -178,9 +178,9 @@ pub struct TriggerParams {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct WindowBounds {
-    /// Microseconds from the submission's base to the window's start.
+    /// Microseconds from the submission's base to the first window's start.
     pub start: i32,
-    /// And to its end.
+    /// And to its end, where the second begins.
     pub end: i32,
 }
 

@@ -90,6 +90,7 @@ pub const EMIT_DENSE_BINDINGS: &[Binding] = &[
     bind(7, "status", Access::Write),
     bind(9, "window", Access::Uniform),
     bind(10, "dense", Access::Write),
+    bind(11, "dense_after", Access::Write),
     bind(TILE_RATES_BINDING, "tile_rates", Access::UintLayers),
 ];
 
@@ -103,6 +104,7 @@ pub const CHAIN_DENSE_BINDINGS: &[Binding] = &[
     bind(6, "events", Access::Read),
     bind(9, "window", Access::Uniform),
     bind(10, "dense", Access::Write),
+    bind(11, "dense_after", Access::Write),
 ];
 
 /// `trigger/resolve.wgsl`.

@@ -133,14 +133,16 @@ impl DenseArrays {
         // A time may be rounded down to the submission's base, and the last instant is part of it.
         let windows = output.window_of(base_us)..=output.window_of(unit.end_us(grid));
         let first = *windows.start();
-        own.open_until(gpu, *windows.end(), first);
+        // A step takes two.
+        own.open_until(gpu, *windows.end() + 1, first);
         let mut steps = Vec::new();
-        for window in windows {
+        for window in windows.step_by(2) {
             let place = (window - first) as u64 * UNIFORM_ALIGNMENT;
             let (start_us, end_us) = output.interval(window);
             let bounds = WindowBounds { start: (start_us - base_us) as i32, end: (end_us - base_us) as i32 };
             gpu.queue.write_buffer(&own.windows, place, bytemuck::bytes_of(&bounds));
-            let Some((_, dense)) = own.open.iter().find(|(index, _)| *index == window) else { continue };
+            let Some(at) = own.open.iter().position(|(index, _)| *index == window) else { continue };
+            let [dense, after] = [at, at + 1].map(|at| own.open[at].1.as_entire_binding());
             let interval = pass::part(&own.windows, place, size_of::<WindowBounds>() as u64);
             let texture = wgpu::BindingResource::TextureView;
             let (declared, resources) = match &*passes.walks[group.targets] {
@@ -154,7 +156,8 @@ impl DenseArrays {
                         texture(&group.memory[1 - group.parity]),
                         group.status.as_entire_binding(),
                         interval,
-                        dense.as_entire_binding(),
+                        dense,
+                        after,
                         texture(&targets.tile_rates_view),
                     ],
                 ),
@@ -168,7 +171,8 @@ impl DenseArrays {
                         group.status.as_entire_binding(),
                         slot.events.as_entire_binding(),
                         interval,
-                        dense.as_entire_binding(),
+                        dense,
+                        after,
                     ],
                 ),
             };
