@@ -40,8 +40,34 @@ def test_near_names_of_commands_in_python_are_suggested():
     for name in _commands.COMMANDS:
         done = run(f"{name}x", "a.h5")
         assert done.returncode == 2
-        assert f"'{name}'" in done.stderr, "PYTHON_COMMANDS of evis-cli lists the commands in Python"
+        assert f"'{name}'" in done.stderr, "IN_PYTHON of evis-cli lists the commands in Python"
     assert "tip" not in run("xyzzy").stderr  # canary
+
+
+def test_choices_and_names_of_commands_in_python_are_suggested():
+    for line, near in [
+        (["evaluate", "recontruct"], "'reconstruct'"),
+        (["evaluate", "reconstruct", "spiner", "--network", "n.onnx"], "'spinner'"),
+        (["plot", "a.h5", "--kind", "rate"], "'rates'"),
+        (["dataset", "objects2", "-o", "d"], "'objects2d'"),
+    ]:
+        done = run(*line)
+        assert done.returncode == 2
+        assert f"(did you mean {near}?)" in done.stderr, done.stderr
+    assert "did you mean" not in run("plot", "a.h5", "--kind", "xyzzy").stderr  # canary
+
+
+def test_help_lists_the_commands_in_python_and_is_short():
+    short, whole, bare = run("-h"), run("--help"), run()
+    assert (short.returncode, whole.returncode, bare.returncode) == (0, 0, 2)
+    lines = short.stdout.splitlines()
+    assert len(lines) <= 30
+    assert max(map(len, lines)) <= 100
+    assert short.stdout.count("\n  evis ") == 4, "examples"
+    for name in _commands.COMMANDS:
+        for text in (short.stdout, whole.stdout, bare.stderr):
+            assert re.search(rf"^  {name} ", text, re.MULTILINE), name
+        assert run("help", name).stdout == run(name, "--help").stdout
 
 
 def test_scenes_are_listed():

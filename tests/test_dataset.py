@@ -402,6 +402,7 @@ WRONG = [
         r"line 5: the specification has no key 'duration'; did you mean 'duration_s'",
     ),
     ("duration_s = 0.03\n", "", r"duration_s is missing; write the seconds"),
+    ('name = "small"\n', "", r"name is missing; write a word, such as name = \"cards\""),
     ("seeds = 2", "seeds = [1, 1]", r"line 4: seeds is \[1, 1\]; it must hold different numbers"),
     ("[split]", "[splits]", r"line 9: the specification has no key 'splits'; did you mean 'split'"),
     ("test = 0.25", "tset = 0.25", r"line 12: \[split\] has no key 'tset'; did you mean 'test'"),

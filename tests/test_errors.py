@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import fields
+from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -97,6 +100,9 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     ),
     (lambda: E.statistics(3), "source is 3; it must be an evis.EventArray"),
     (lambda: E.save("a.h5", 3), "source is 3; it must be a Stream"),
+    # Files and names.
+    (lambda: E.load(Path(__file__).parent), "path is the folder .*tests, which is not in DSEC's layout"),
+    (lambda: SPINNER.bodies([0], cameras=["camra"]), r"no camera named 'camra'; .*did you mean 'camera'\?"),
     # The emulator.
     (lambda: emulator(batch=1.5), "batch is 1.5; it must be a whole number"),
     (lambda: emulator(reference_luminance="x"), "reference_luminance is 'x'; it must be a number"),
@@ -107,6 +113,14 @@ MISTAKES: list[tuple[Callable[[], Any], str]] = [
     (
         lambda: emulator().push(np.ones((3, 4), np.float32), 2**62),
         r"t_us is 4611686018427387904; .*2\*\*62 - 1",
+    ),
+    (
+        lambda: emulator().push(np.ones((3, 4), bool), 0),
+        "dtype of frames is bool; .*uint16, float16 or float64",
+    ),
+    (
+        lambda: emulator().push(np.ones((3, 5), np.float32), 0),
+        r"frames have shape \(3, 5\); they must have \(3, 4\), \(3, 4, 3\) or \(3, 4, 4\)",
     ),
     (lambda: emulator().push(np.ones((3, 4), np.float32), "x"), "t_us is 'x'; it must be a whole number"),
     (lambda: keyframe(steps=-1), "steps is -1; it must not be negative"),
@@ -160,3 +174,13 @@ def test_long_values_are_shown_in_part():
     with pytest.raises(evis.ConfigError, match=r"^size is \[0, 1, .*\.\.\.; it must be") as caught:
         simulator(size=list(range(10_000)))
     assert len(str(caught.value)) < 250
+
+
+@pytest.mark.parametrize(
+    ("module", "needs", "extra"),
+    [("mujoco", "mujoco", "mujoco"), ("gym", "gymnasium", "gym"), ("torch", "torch", "torch")],
+)
+def test_a_module_whose_package_is_missing_names_the_extra(module: str, needs: str, extra: str):
+    code = f"import sys; sys.modules[{needs!r}] = None; import evis.{module}"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert done.stderr.splitlines()[-1].endswith(f"pip install 'evis[{extra}]'"), done.stderr

@@ -116,6 +116,13 @@ def test_bad_input_is_told(tmp_path: Path) -> None:
         evis.video(tmp_path / "in.npy", out, fps=30)
 
 
+def test_a_recording_is_no_film(tmp_path: Path) -> None:
+    np.save(tmp_path / "in.npy", codes())
+    evis.video(tmp_path / "in.npy", tmp_path / "events.h5", fps=1000)
+    with pytest.raises(evis.ConfigError, match=r"events.h5, which holds events or labels \(HDF5\)"):
+        evis.video(tmp_path / "events.h5", tmp_path / "out.h5")
+
+
 def test_no_ffmpeg_says_how_to_get_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "a.mp4").write_bytes(b"film")
     monkeypatch.setenv("EVIS_FFMPEG", str(tmp_path / "missing"))

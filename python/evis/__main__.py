@@ -21,13 +21,12 @@ def main() -> int:
     arguments = sys.argv[1:]
     if arguments and arguments[0] in _commands.COMMANDS:
         return _commands.run(arguments[0], arguments[1:])
+    if arguments[:1] == ["help"] and arguments[1:] and arguments[1] in _commands.COMMANDS:
+        return _commands.run(arguments[1], ["--help"])
     # The program looks for Ctrl-C itself; Python's handler would only report it once more afterwards.
     with contextlib.suppress(ValueError):
         signal.signal(signal.SIGINT, signal.SIG_DFL)
-    code = _evis.run_cli(["evis", *arguments])
-    if arguments in (["--help"], ["-h"], ["help"]):
-        print(_commands.HELP, end="")
-    return code
+    return _evis.run_cli(["evis", *arguments])
 
 
 if __name__ == "__main__":

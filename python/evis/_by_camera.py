@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import TypeVar
 
+from . import _check
 from ._evis import ConfigError
 
 Part = TypeVar("Part")
@@ -22,7 +23,10 @@ class ByCamera(Mapping[str, Part]):
         try:
             return self._views[camera]
         except KeyError:
-            raise ConfigError(f"no camera named '{camera}'; there is {', '.join(self._views)}") from None
+            hint = _check.did_you_mean(str(camera), self._views)
+            raise ConfigError(
+                f"no camera named '{camera}'; there is {', '.join(self._views)}{hint}"
+            ) from None
 
     def __contains__(self, camera: object) -> bool:
         """Tell whether there is a camera of this name."""

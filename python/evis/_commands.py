@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import argparse
+import re
 import sys
 import tempfile
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 from . import _check, dataset, evaluate, plot, rerun
 from ._evaluate_scenes import scene_named
@@ -18,14 +19,16 @@ from ._evis import ConfigError, EvisError
 from ._files import load
 from ._scene import Scene, scenes
 
-HELP = """
-Commands in Python:
-  evaluate   Ask networks whether they accept a recording's events: reconstruction, flow, matching
-  view       Show a recording in the viewer Rerun, or write a file for it
-  plot       Draw event rates, intervals, thumbnails, x-y-t clouds, and films
-  dataset    Simulate a data set of many recordings, on several processes or a Ray cluster
-"""
-"""What ``evis --help`` says beside the help of ``evis-rs``."""
+
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors name the choice that was probably meant."""
+
+    def error(self, message: str) -> NoReturn:
+        wrong = re.search(r"invalid choice: '([^']*)' \(choose from ([^)]*)\)", message)
+        if wrong is not None:
+            known = [name.strip(" '") for name in wrong[2].split(",")]
+            message += _check.did_you_mean(wrong[1], known)
+        super().error(message)
 
 
 def _milliseconds(text: str) -> int:
@@ -53,7 +56,7 @@ _QUALITIES = ("draft", "standard", "high", "reference")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="evis evaluate",
         description="Ask networks (ONNX files, run by onnxruntime) whether they accept a recording's events.",
         epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package); 1 a control does not "
@@ -112,7 +115,7 @@ def _scene_of(source: str) -> Scene:
     if scene is None:
         raise ConfigError(
             f"'{source}' is no scene; --ladder simulates one: {', '.join(scenes())}, or a .toml, .glb or "
-            ".gltf file"
+            f".gltf file{_check.did_you_mean(source, scenes())}"
         )
     return scene
 
@@ -136,7 +139,7 @@ def _evaluated(
         if not Path(source).exists():
             raise FileNotFoundError(
                 f"{source} does not exist; give a recording, one of the scenes {', '.join(scenes())}, or a "
-                "scene file"
+                f"scene file{_check.did_you_mean(source, scenes())}"
             )
         return run(source, network, **settings)
     evaluate.check_network(network)
@@ -226,7 +229,7 @@ def _end_us(given: argparse.Namespace) -> int | None:
 
 
 def _view_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="evis view",
         description="Show a recording in the viewer Rerun: events, frames, depth, flow, camera and poses on "
         "one timeline; of files of other programs, events.",
@@ -266,7 +269,7 @@ _WINDOWS = {"thumbnails": "window_us", "surface": "tau_us", "rates": "bin_us"}
 
 
 def _plot_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="evis plot",
         description="Draw the events of a recording, as a picture or as a film.",
         epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package).",
@@ -371,7 +374,7 @@ def run_plot(arguments: Sequence[str]) -> int:
 
 
 def _dataset_parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="evis dataset",
         description="Simulate a data set: scenes x trajectories x sensors x seeds, in sharded HDF5 files "
         "with a manifest. After a kill the same command goes on; finished shards are not simulated again.",

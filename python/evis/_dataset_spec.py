@@ -435,7 +435,9 @@ class _Table:
 
     def name(self, default: str | None = None) -> str:
         value = self.text("name", default)
-        if value is None or not _NAME.fullmatch(value):
+        if value is None:
+            raise self.error(None, 'name is missing; write a word, such as name = "cards"')
+        if not _NAME.fullmatch(value):
             raise self.error(
                 "name", f"name is {_check.shown(value)}; it must consist of letters, digits, '-' and '_'"
             )

@@ -564,7 +564,10 @@ class EventEmulator(Generic[Out]):
             return 1
         if array.shape == self._colours:
             return 3
-        raise ConfigError(f"frames have shape {array.shape}; they must have {self._frame} or {self._colours}")
+        with_alpha = (*self._frame, 4)
+        raise ConfigError(
+            f"frames have shape {array.shape}; they must have {self._frame}, {self._colours} or {with_alpha}"
+        )
 
 
 def _unpickle(sensor: Sensor, settings: dict[str, Any], state: bytes) -> EventEmulator[Any]:
@@ -746,7 +749,10 @@ def _as_array(
         with np.errstate(over="ignore"):
             array = given.astype(np.float32)
     if array.dtype not in dtypes:
-        *others, last = (np.dtype(dtype).name for dtype in dtypes)
+        names = [np.dtype(dtype).name for dtype in dtypes]
+        if np.float32 in dtypes:
+            names += ["float16", "float64"]
+        *others, last = names
         wanted = f"{', '.join(others)} or {last}" if others else last
         raise ConfigError(f"dtype of {what} is {array.dtype}; it must be {wanted}")
     contiguous = np.ascontiguousarray(array)

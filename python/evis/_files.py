@@ -436,6 +436,8 @@ def load(
             return Recording(_ArraySource(*found), reload)
     if ending in (".npz", ".npy") and format in (ending[1:], None):
         return Recording(_ArraySource(_load_arrays(path, width, height, mapped)), reload)
+    if format is None and path.is_dir():
+        raise ConfigError(f"path is the folder {path}, which is not in DSEC's layout; give a file of events")
     if format is None:
         raise ConfigError(
             f"path ends with '{ending}' and its content tells no format; it must be one of "

@@ -335,7 +335,8 @@ class Scene:
         names = list(self.cameras) if cameras is None else _check.names("cameras", cameras)
         for name in names:
             if name not in self.cameras:
-                raise ConfigError(f"no camera named '{name}'; there is {', '.join(self.cameras)}")
+                hint = _check.did_you_mean(name, self.cameras)
+                raise ConfigError(f"no camera named '{name}'; there is {', '.join(self.cameras)}{hint}")
         return bodies_of(self._raw, names, _check.whole("environment", environment), 0, times)
 
     @property

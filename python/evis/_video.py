@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from . import _check, _evis
+from . import _check, _evis, _io
 from ._evis import ConfigError
 from ._progress import Progress, TimeLeft
 from ._sensor import Sensor, sensor_of
@@ -213,6 +213,13 @@ def video(
     """
     if Path(output).suffix.lower() not in (".h5", ".hdf5"):
         raise ConfigError(f"output ends with '{Path(output).suffix}'; it must end with .h5 or .hdf5")
+    # Arrays of frames are .npy files as well.
+    held_format = _evis.recognise_format(Path(source)) if Path(source).is_file() else None
+    if held_format not in (None, "npy"):
+        raise ConfigError(
+            f"source is {Path(source)}, which holds events or labels ({_io.formats()[held_format]}); it must "
+            "be a film, a folder of pictures or an array of frames (evis.load reads events)"
+        )
     sensor = sensor_of(sensor)
     sensor.check()
     began, left = time.monotonic(), TimeLeft()

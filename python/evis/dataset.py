@@ -89,7 +89,7 @@ def read_spec(source: str | PathLike[str]) -> Spec:
     except FileNotFoundError:
         raise FileNotFoundError(
             f"{path} does not exist; give a TOML file, or the name of a shipped specification: "
-            f"{', '.join(shipped())}"
+            f"{', '.join(shipped())}{_check.did_you_mean(str(source), shipped())}"
         ) from None
 
 

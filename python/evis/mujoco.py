@@ -18,9 +18,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeAlias
 
-import mujoco
 import numpy as np
 import numpy.typing as npt
+
+try:
+    import mujoco
+except ImportError as error:
+    raise ImportError("evis.mujoco needs MuJoCo; install it: pip install 'evis[mujoco]'") from error
 
 from . import _check, _shapes
 from ._builder import SceneBuilder

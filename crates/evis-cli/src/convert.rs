@@ -59,6 +59,16 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
             _ => {}
         }
     }
+    if let (Some(start), Some(end)) = (args.start, args.end)
+        && end <= start
+    {
+        let seconds = |us: i64| us as f64 / 1.0e6;
+        return Err(bad_input(format!(
+            "--end is {}, which is not after --start {}; choose a later end",
+            seconds(end),
+            seconds(start)
+        )));
+    }
     let read = ReadOptions { camera: args.camera.clone(), size: args.size };
     let mut reader = open(&args.input, &read)?;
     let input_format = reader.info().format;

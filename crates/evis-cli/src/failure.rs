@@ -3,6 +3,7 @@
 use std::io::ErrorKind;
 
 use evis_chart::ChartError;
+use evis_core::ConfigError;
 use evis_core::format::FormatError;
 use evis_render::EngineError;
 use evis_truth::TruthError;
@@ -39,7 +40,7 @@ pub(crate) fn describe(error: &anyhow::Error) -> String {
     let named = if of_scene { options::in_scene_text } else { options::in_text };
     let mut text = String::new();
     for cause in error.chain() {
-        let cause = named(&cause.to_string());
+        let cause = config_error(cause).map_or_else(|| named(&cause.to_string()), options::refused);
         if text.is_empty() {
             text = cause;
         } else if !text.contains(&cause) {
@@ -50,6 +51,28 @@ pub(crate) fn describe(error: &anyhow::Error) -> String {
     text
 }
 
+/// The refused setting, where `cause` is one.
+fn config_error<'e>(cause: &'e (dyn std::error::Error + 'static)) -> Option<&'e ConfigError> {
+    cause
+        .downcast_ref()
+        .or_else(|| match cause.downcast_ref()? {
+            EngineError::Config(error) => Some(error),
+            _ => None,
+        })
+        .or_else(|| match cause.downcast_ref()? {
+            ChartError::Config(error) => Some(error),
+            _ => None,
+        })
+        .or_else(|| match cause.downcast_ref()? {
+            TruthError::Config(error) => Some(error),
+            _ => None,
+        })
+        .or_else(|| match cause.downcast_ref()? {
+            VideoError::Config(error) => Some(error),
+            _ => None,
+        })
+}
+
 /// 2 where the user can put it right (input, paths, space, devices), 1 otherwise.
 pub(crate) fn exit_code(error: &anyhow::Error) -> i32 {
     if error.chain().any(is_bad_input) { 2 } else { 1 }
@@ -57,7 +80,7 @@ pub(crate) fn exit_code(error: &anyhow::Error) -> i32 {
 
 fn is_bad_input(cause: &(dyn std::error::Error + 'static)) -> bool {
     cause.is::<BadInput>()
-        || cause.is::<evis_core::ConfigError>()
+        || cause.is::<ConfigError>()
         || cause.is::<evis_core::metric::MetricError>()
         || matches!(
             cause.downcast_ref(),

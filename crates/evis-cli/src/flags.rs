@@ -1,23 +1,22 @@
 //! Errors of requests, with the names that settings have on the command line.
 
-use evis_core::ConfigError;
 use evis_render::EngineError;
 
 use crate::failure::bad_input;
-use crate::options::{flag, in_text};
+use crate::options::refused;
 
 /// `error` of a request, with options in place of fields.
 pub(crate) fn named(error: EngineError) -> anyhow::Error {
     match error {
-        EngineError::Config(ConfigError { what, value, remedy }) => {
-            bad_input(format!("{} is {value}; it must be {}", flag(&what).unwrap_or(&what), in_text(&remedy)))
-        }
+        EngineError::Config(error) => bad_input(refused(&error)),
         other => other.into(),
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use evis_core::ConfigError;
+
     use super::*;
 
     #[test]

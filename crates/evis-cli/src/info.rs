@@ -139,6 +139,12 @@ struct LabelLine {
 /// Describes a recording.
 pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
     if !args.repair && !args.check && scene_info::is_scene(&args.input) {
+        if let Some(camera) = &args.camera {
+            return Err(bad_input(format!(
+                "--camera is '{camera}', but {} is a scene; leave it out: all cameras are listed",
+                args.input.display()
+            )));
+        }
         return scene_info::info(&args.input, args.animation.animation.as_deref(), args.json);
     }
     if let Some(animation) = &args.animation.animation {
@@ -165,8 +171,12 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
     let recording = Recording::open(&args.input)?;
     let header = recording.header();
     let duration_s = extent::end_us(&recording)? as f64 / 1.0e6;
+    let only = args.camera.as_deref().map(|name| recording.find_camera(Some(name))).transpose()?;
     let mut cameras = Vec::new();
     for (index, camera) in header.cameras.iter().enumerate() {
+        if only.is_some_and(|only| only != index) {
+            continue;
+        }
         cameras.push(camera_line(&recording, index, camera, duration_s)?);
     }
     let mut imus = Vec::new();

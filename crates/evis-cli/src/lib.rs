@@ -102,27 +102,25 @@ pub fn run_with(args: Vec<String>, upsampler: &MakeUpsampler) -> i32 {
     }
 }
 
-/// Commands of the Python package, which `evis` runs itself. A test compares them.
-const PYTHON_COMMANDS: [&str; 4] = ["evaluate", "view", "plot", "dataset"];
-
 /// `error` with what was probably meant, where clap does not say it.
 fn hinted(mut error: clap::Error, command: &clap::Command, args: &[String]) -> clap::Error {
     let is_label = |word: &&String| LabelKind::WORDS.iter().any(|(label, _)| label == word);
     let of_labels = args.iter().position(|arg| arg == "--labels").map(|at| &args[at + 1..]);
     let labels: Vec<_> = of_labels.into_iter().flatten().take_while(is_label).map(String::as_str).collect();
     let given = args.get(1).map_or("", String::as_str);
+    let in_python = args::help::IN_PYTHON.map(|(name, _)| name);
     match error.kind() {
         ErrorKind::UnknownArgument if labels.len() > 1 => {
             let tip = format!("labels are one list: --labels {}", labels.join(","));
             error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
         }
-        ErrorKind::InvalidSubcommand if PYTHON_COMMANDS.contains(&given) => {
+        ErrorKind::InvalidSubcommand if in_python.contains(&given) => {
             error.remove(ContextKind::SuggestedSubcommand);
             let tip = format!("`evis {given}` is a command of the Python package");
             error.insert(ContextKind::Suggested, ContextValue::StyledStrs(vec![tip.into()]));
         }
         ErrorKind::InvalidSubcommand => {
-            let known = command.get_subcommands().map(clap::Command::get_name).chain(PYTHON_COMMANDS);
+            let known = command.get_subcommands().map(clap::Command::get_name).chain(in_python);
             if let Some(near) = evis_core::limits::nearest(given, known) {
                 let near = ContextValue::Strings(vec![near.to_owned()]);
                 error.insert(ContextKind::SuggestedSubcommand, near);

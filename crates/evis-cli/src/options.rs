@@ -1,5 +1,7 @@
 //! Options of the command line that set what libraries call by other names.
 
+use evis_core::ConfigError;
+
 /// Fields of a request, and the options that set them.
 const FLAGS: [(&str, &str); 32] = [
     ("animation", "--animation"),
@@ -37,7 +39,8 @@ const FLAGS: [(&str, &str); 32] = [
 ];
 
 /// What concerns files, films and charts, and the options that say it. No scene has such keys.
-const FILE_FLAGS: [(&str, &str); 11] = [
+const FILE_FLAGS: [(&str, &str); 12] = [
+    ("output", "--output"),
     ("overwrite", "--force"),
     ("memory_limit", "--memory-limit"),
     ("allow_outside", "--allow-outside"),
@@ -59,6 +62,12 @@ pub(crate) fn flag(field: &str) -> Option<&'static str> {
 /// `text` with options in place of the settings that it names between backticks.
 pub(crate) fn in_text(text: &str) -> String {
     replaced(text, |field| flag(field).or_else(|| file_flag(field)))
+}
+
+/// The message of a setting that was refused, with options in place of what libraries call it.
+pub(crate) fn refused(ConfigError { what, value, remedy }: &ConfigError) -> String {
+    let what = flag(what).or_else(|| file_flag(what)).unwrap_or(what);
+    format!("{what} is {value}; it must be {}", in_text(remedy))
 }
 
 /// `text` about a scene with options in place of [`FILE_FLAGS`]: all other names are keys of the scene.
@@ -106,6 +115,8 @@ mod tests {
             in_text("raise `rate_hz`, or allow it (`overwrite`)"),
             "raise --rate, or allow it (--force)"
         );
+        let error = ConfigError::new("target_f1", 2, "below `rate_hz`, or `other`");
+        assert_eq!(refused(&error), "--target-f1 is 2; it must be below --rate, or `other`");
         let scene = in_scene_text("`rate_hz` is no key; `allow_outside` does so");
         assert_eq!(scene, "`rate_hz` is no key; --allow-outside does so");
     }

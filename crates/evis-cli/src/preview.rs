@@ -9,6 +9,7 @@ use std::thread::JoinHandle;
 
 use anyhow::Context;
 use evis_core::format::hdf5::Recording;
+use evis_core::words::did_you_mean;
 use evis_core::{CameraInfo, LabelKind};
 use image::codecs::gif::{GifEncoder, Repeat};
 use image::{Delay, ExtendedColorType, Frame, ImageEncoder, RgbaImage};
@@ -129,7 +130,8 @@ impl Show {
             None => 0,
             Some(name) => cameras.iter().position(|c| c.name == *name).ok_or_else(|| {
                 let known: Vec<_> = cameras.iter().map(|c| c.name.as_str()).collect();
-                bad_input(format!("no camera named '{name}' (--camera); there is {}", known.join(", ")))
+                let hint = did_you_mean(name, known.iter().copied());
+                bad_input(format!("no camera named '{name}' (--camera); there is {}{hint}", known.join(", ")))
             })?,
         };
         let camera = cameras

@@ -24,10 +24,19 @@ struct SceneInfo {
     /// Semantic classes of what is drawn that have a name.
     classes: Vec<ClassLine>,
     lights: usize,
+    /// Of a glTF file; the one that plays is marked.
+    animations: Vec<AnimationLine>,
     materials: Vec<String>,
     textures: usize,
     /// What its loader had to say, and what stands out.
     notes: Vec<String>,
+}
+
+/// An animation of a glTF file.
+#[derive(Serialize)]
+struct AnimationLine {
+    name: String,
+    plays: bool,
 }
 
 /// A semantic class, in images of labels and by name.
@@ -89,6 +98,11 @@ fn describe(name: &str, scene: &Scene) -> anyhow::Result<SceneInfo> {
         cameras: scene.cameras.iter().map(|camera| camera.name.clone()).collect(),
         classes: ClassLine::of(bodies.infos()),
         lights: scene.lights.len(),
+        animations: scene
+            .animations
+            .iter()
+            .map(|name| AnimationLine { name: name.clone(), plays: scene.animation.as_ref() == Some(name) })
+            .collect(),
         materials: scene.materials.iter().map(|material| material.name.clone()).collect(),
         textures: scene.textures.len(),
         notes,
@@ -122,6 +136,17 @@ fn lines(info: &SceneInfo) -> Vec<String> {
     lines.push(format!("cameras   {}", info.cameras.join(", ")));
     lines.extend(ClassLine::in_words(&info.classes).map(|classes| format!("classes   {classes}")));
     lines.push(format!("lights    {}", info.lights));
+    let animations = info.animations.iter().map(|animation| {
+        let plays = if animation.plays && info.animations.len() > 1 { " (plays)" } else { "" };
+        format!("{}{plays}", animation.name)
+    });
+    if !info.animations.is_empty() {
+        lines.push(format!(
+            "animations {}: {}",
+            info.animations.len(),
+            animations.collect::<Vec<_>>().join(", ")
+        ));
+    }
     let unnamed = info.materials.iter().filter(|name| name.is_empty()).count();
     let mut names: Vec<&str> =
         info.materials.iter().map(String::as_str).filter(|name| !name.is_empty()).collect();
@@ -145,6 +170,20 @@ mod tests {
         for other in ["a.h5", "events.raw", "spinnner", "folder"] {
             assert!(!is_scene(Path::new(other)), "{other}");
         }
+    }
+
+    #[test]
+    fn animations_are_listed_and_what_plays_is_marked() -> anyhow::Result<()> {
+        let mut scene = scene_source::describe("desk")?;
+        let told = |scene: &Scene| -> anyhow::Result<Vec<String>> {
+            let lines = lines(&describe("desk", scene)?);
+            Ok(lines.into_iter().filter(|line| line.starts_with("animations")).collect())
+        };
+        assert_eq!(told(&scene)?, [""; 0]);
+        scene.animations = vec!["Survey".into(), "Walk".into()];
+        scene.animation = Some("Walk".into());
+        assert_eq!(told(&scene)?, ["animations 2: Survey, Walk (plays)"]);
+        Ok(())
     }
 
     #[test]

@@ -116,6 +116,11 @@ pub(crate) fn significant(value: f64) -> String {
     format!("{value:.0$}", decimals as usize)
 }
 
+/// Measured seconds: tenths, and two digits of less than one.
+pub(crate) fn measured(value: f64) -> String {
+    if value < 1.0 { significant(value) } else { format!("{value:.1}") }
+}
+
 /// `part` of `whole` in percent.
 pub(crate) fn percent(part: u64, whole: u64) -> f64 {
     if whole == 0 { 0.0 } else { part as f64 * 100.0 / whole as f64 }
@@ -146,6 +151,7 @@ mod tests {
     fn factors_have_two_digits() {
         let of = [0.0049, 0.123, 1.26, 34.5, 0.0].map(significant);
         assert_eq!(of, ["0.0049", "0.12", "1.3", "34", "0"]);
+        assert_eq!([0.004_512, 0.046, 0.66, 34.56].map(measured), ["0.0045", "0.046", "0.66", "34.6"]);
     }
 
     #[test]

@@ -42,6 +42,16 @@ pub(crate) fn video(args: &VideoArgs, upsampler: &MakeUpsampler) -> anyhow::Resu
             "{input} is a scene, and no film; `run {input} -o OUT.h5` simulates it"
         )));
     }
+    // Arrays of frames are `.npy` files as well.
+    let format = if args.input.is_file() { evis_format::recognise(&args.input)? } else { None };
+    if let Some(format) = format.filter(|format| *format != Format::Npy) {
+        let input = args.input.display();
+        return Err(bad_input(format!(
+            "{input} holds events or labels ({}), and no film; `info {input}` describes it, `preview {input} -o X.mp4` \
+             makes a film of a recording",
+            format.description()
+        )));
+    }
     let defaults = VideoConfig::default();
     let mut config = VideoConfig {
         sensor: match (&args.sensor, &args.like) {
@@ -187,7 +197,8 @@ fn summary(report: &VideoReport, is_temporary: bool) -> String {
             text::percent(report.on, *events)
         ),
         format!(
-            "time     {stream_s} s of stream{stopped} in {wall_s:.1} s, {} × real time",
+            "time     {stream_s} s of stream{stopped} in {} s, {} × real time",
+            text::measured(*wall_s),
             text::significant(stream_s / wall_s.max(1.0e-9))
         ),
         format!("frames   {}{between}, {}, curve {}", text::grouped(*frames), report.kind, report.transfer),

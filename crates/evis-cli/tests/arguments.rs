@@ -128,7 +128,8 @@ fn a_scenes_sensor_that_cannot_be_is_named_with_file_key_and_value() {
 fn sensor_files_name_the_stage_that_is_wrong() {
     let folder = Folder::new("sensors");
     for (text, told) in [
-        ("[noise]\nleak_hz = -1", ["s.toml", "noise.leak_hz", "-1"]),
+        ("[noise]\nleak_hz = -1", ["s.toml", "line 2: noise.leak_hz", "-1"]),
+        ("base = \"v2e\"\nthreshold_on = \"a\"", ["s.toml", "line 2", "expected a number"]),
         ("[noise]\nleek_hz = 1", ["s.toml", "line 2", "did you mean 'leak_hz'"]),
         ("[refractory]\nrule = \"wait\"", ["s.toml", "wait", "hold"]),
         ("[photoreceptor]\ncutoff_hz = 1e6", ["s.toml", "photoreceptor.cutoff_hz", "500000"]),
@@ -196,6 +197,7 @@ fn near_misses_are_answered_with_what_was_meant() {
         ("run spinner -o x.h5 --labels depth flow", "--labels depth,flow"),
         ("run --labels depth flow instance spinner -o x.h5", "--labels depth,flow,instance"),
         ("rnu spinner -o x.h5", "'run'"),
+        ("rn spinner -o x.h5", "'run'"),
         ("evalute reconstruct a.h5", "'evaluate'"),
         ("plot a.h5 -o x.png", "`evis plot` is a command of the Python package"),
     ] {
@@ -230,6 +232,14 @@ fn recordings_that_cannot_be_read_are_refused() {
     refused(&folder, "preview good.h5 -o x.bmp", &["x.bmp", ".gif"]);
     refused(&folder, "preview good.h5 -o no/x.png", &["no/x.png"]);
     refused(&folder, "preview good.h5 -o x.png --camera middle", &["middle", "left, right"]);
+    refused(&folder, "preview good.h5 -o x.png --camera rigth", &["rigth", "did you mean 'right'"]);
+    refused(&folder, "info good.h5 --camera middle", &["'middle'", "there is left, right"]);
+    refused(&folder, "info good.h5 --camera rigth", &["'rigth'", "did you mean 'right'"]);
+    refused(&folder, "info spinner --camera middle", &["middle", "spinner is a scene"]);
+    refused(&folder, "convert good.h5 x.raw --start 5 --end 1", &["--end is 1", "--start 5"]);
+    refused(&folder, "tune spinner -o x.toml --target-f1 2", &["--target-f1 is 2", "above 0 and below 1"]);
+    refused(&folder, "compare good.h5 good.h5 -o x.foo", &["--output is x.foo", ".svg"]);
+    refused(&folder, "video good.h5 -o x.h5", &["good.h5 holds events", "`info good.h5`"]);
     refused(&folder, "preview good.h5 -o x.png --at 5", &["--at", "5"]);
     refused(&folder, "preview good.h5 -o x.png --scale 3/2", &["--scale", "3/2"]);
     refused(&folder, "preview good.h5 -o x.png --label smell", &["--label", "'smell'", "depth"]);
@@ -263,6 +273,8 @@ fn short_help_completions_sensors_and_the_command_of_v2e_are_printed() {
     let short = stdout(&evis(&folder, "run -h"));
     assert!(short.contains("Examples:\n  evis-rs run ") && short.lines().count() <= 30, "{short}");
     assert!(!short.contains("--texture-taps"), "{short}");
+    let short = stdout(&evis(&folder, "-h"));
+    assert!(short.contains("Examples:\n  evis-rs run ") && short.lines().count() <= 30, "{short}");
     for shell in ["bash", "zsh", "fish"] {
         let script = stdout(&evis(&folder, &format!("completions {shell}")));
         assert!(script.contains("evis-rs") && script.contains("label-rate"), "{shell}");

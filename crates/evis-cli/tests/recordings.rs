@@ -40,6 +40,10 @@ fn info_tells_what_is_in_the_file() {
     assert_eq!(info["cameras"][1]["events"], 0);
     assert!(info["settings_toml"].as_str().unwrap().contains("scene = \"test\""));
 
+    let right = json(&evis(&folder, "info a.h5 --camera right --json"));
+    assert_eq!((&right["cameras"][0]["name"], &right["events"]), (&"right".into(), &0.into()));
+    assert_eq!(right["cameras"].as_array().unwrap().len(), 1);
+
     let text = done(&folder, "info a.h5");
     for words in ["complete", "75.0 % ON", "camera left", "camera right", "hdr: 4 frames", "scene = \"test\""]
     {

@@ -101,7 +101,7 @@ fn input_that_cannot_be_scored_is_told_why() {
         ("score other.h5 --truth truth.h5", ["threshold_on = 0.3", "0.2"]),
         ("score a.h5 --truth silent.h5", ["has no events", "200 events"]),
         ("score a.h5 --truth a.h5", ["2 cameras", "left, right"]),
-        ("score a.h5 --truth truth.h5 --camera up", ["no camera \"up\"", "left, right"]),
+        ("score a.h5 --truth truth.h5 --camera up", ["no camera 'up'", "there is left, right"]),
         ("score a.h5 --truth text.h5", ["text.h5", "HDF5"]),
         ("score text.h5 --truth truth.h5", ["text.h5", "HDF5"]),
         ("score missing.h5 --truth truth.h5", ["missing.h5", "No such file"]),

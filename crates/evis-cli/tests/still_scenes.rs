@@ -355,8 +355,7 @@ fn runs_warn_of_what_was_hardly_meant() {
     let camera = "cameras = [{ name = \"own\", near = 0.00001, size = [64, 48] }]\n";
     std::fs::write(folder.file("inside.toml"), format!("{camera}{inside}")).unwrap();
     let (report, said) = run(&folder, "inside.toml");
-    for words in
-        ["largest side is 4.000e-4 m", "camera 'own' starts inside 'cube', whose surfaces face outwards"]
+    for words in ["largest side is 0.4 mm", "camera 'own' starts inside 'cube', whose surfaces face outwards"]
     {
         assert!(warns(&report, words), "{said}");
     }

@@ -53,8 +53,21 @@ pub fn of_serde(message: &str) -> String {
             let hint = if hint.is_empty() { format!("; it takes {}", known.join(", ")) } else { hint };
             format!("unknown key '{key}'{hint}")
         }
-        _ => message.replace('`', "'"),
+        _ => plain_types(&message.replace('`', "'")),
     }
+}
+
+/// `message` of serde, in which a type that a value should have is named as users name it.
+fn plain_types(message: &str) -> String {
+    let Some((before, wanted)) = message.rsplit_once("expected ") else { return message.to_owned() };
+    let plain = match wanted {
+        "f32" | "f64" => "a number",
+        "u8" | "u16" | "u32" | "u64" | "usize" => "a whole number, 0 or more",
+        "i8" | "i16" | "i32" | "i64" => "a whole number",
+        "a boolean" => "true or false",
+        other => other,
+    };
+    format!("{before}expected {plain}")
 }
 
 /// Implements [`Word`] for an enum: variant, word, what it means.
@@ -85,6 +98,16 @@ macro_rules! words {
 mod tests {
     use super::*;
     use crate::sensor::TriggerRule;
+
+    #[test]
+    fn types_are_named_as_users_name_them() {
+        for (wanted, plain) in [("f32", "a number"), ("u64", "a whole number, 0 or more"), ("a map", "a map")]
+        {
+            let message = format!("invalid type: string \"a\", expected {wanted}");
+            assert_eq!(of_serde(&message), format!("invalid type: string \"a\", expected {plain}"));
+        }
+        assert_eq!(of_serde("it ends early"), "it ends early");
+    }
 
     #[test]
     fn words_are_those_that_files_have() {

@@ -54,7 +54,8 @@ pub fn nearest<'w>(word: &str, known: impl Iterator<Item = &'w str>) -> Option<&
         return None;
     }
     // Two letters that changed places make short words unlike for Jaro and Winkler.
-    let slip = |candidate| word.len() > 2 && strsim::osa_distance(word, candidate) == 1;
+    let slip =
+        |candidate: &str| word.len() > 1 && candidate.len() > 2 && strsim::osa_distance(word, candidate) == 1;
     known
         .map(|candidate| (strsim::jaro_winkler(word, candidate), candidate))
         .filter(|(similarity, candidate)| *similarity > 0.75 || slip(candidate))

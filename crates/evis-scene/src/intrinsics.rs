@@ -35,7 +35,9 @@ impl Lens {
                 let degrees = fov_y.to_degrees();
                 if !(0.01..=179.0).contains(&degrees) {
                     return rule(format!(
-                        "fov_y_degrees is {degrees}; it takes degrees between 0.01 and 179"
+                        "fov_y_degrees is {}; it takes degrees between 0.01 and 179",
+                        // As it was written, though it was kept in radians.
+                        (degrees * 1.0e9).round() / 1.0e9
                     ));
                 }
             }

@@ -170,8 +170,21 @@ fn rigid_step(from: &DMat4, to: &DMat4) -> DMat4 {
 
 fn unlikely_size(largest_m: f64) -> Option<String> {
     (largest_m > 0.0 && !LIKELY_M.contains(&largest_m)).then(|| {
-        format!("its largest side is {largest_m:.3e} m; glTF counts in metres: scale the model, in Blender before the export or with a node above it")
+        let unit = if largest_m < 1.0 { (1.0e3, "mm") } else { (1.0e-3, "km") };
+        format!(
+            "the scene's largest side is {} {}; glTF counts in metres: scale the model, in Blender before the export or with a \
+             node above it",
+            significant(largest_m * unit.0),
+            unit.1
+        )
     })
+}
+
+/// `value` with three digits.
+fn significant(value: f64) -> String {
+    let decimals = (2.0 - value.log10().floor()).clamp(0.0, 12.0) as usize;
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
 }
 
 fn unlikely_model_size(largest_m: f64) -> Option<String> {
@@ -272,8 +285,11 @@ mod tests {
     #[test]
     fn only_sizes_that_nobody_means_are_told() {
         assert_eq!([0.0, 2.0e-3, 1.0, 5.0e3].map(unlikely_size), [None, None, None, None]);
-        assert!(unlikely_size(4.0e-4).is_some_and(|text| text.contains("4.000e-4 m")));
-        assert!(unlikely_size(2.0e4).is_some_and(|text| text.contains("metres")));
+        assert!(
+            unlikely_size(4.0e-4).is_some_and(|text| text.contains("the scene's largest side is 0.4 mm;"))
+        );
+        assert!(unlikely_size(2.0e4).is_some_and(|text| text.contains("20 km") && text.contains("metres")));
+        assert_eq!([1.234_567, 0.4, 100.0, 2.5e-7].map(significant), ["1.23", "0.4", "100", "0.00000025"]);
         assert_eq!([0.0, 1.0, 50.0, 2.0e4].map(unlikely_model_size), [None, None, None, None]);
         assert!(
             unlikely_model_size(141.2).is_some_and(|text| text.contains("141 m") && text.contains("0.01"))

@@ -236,7 +236,9 @@ fn weights_are_animated_and_the_animation_is_chosen_by_name_or_index() {
         scene.warnings.iter().any(|w| w.contains("'grow' plays") && w.ends_with("the file: 1")),
         "others"
     );
+    assert_eq!((scene.animation.as_deref(), scene.animations.join(", ")), (Some("grow"), "grow, 1".into()));
     let scene = load(Some("1")).expect("valid");
+    assert_eq!((scene.animation.as_deref(), scene.animations.len()), (Some("1"), 2));
     assert!(!scene.warnings.iter().any(|w| w.contains("plays")), "it was chosen: {:?}", scene.warnings);
     scene.evaluate(0.5, &mut state);
     assert_eq!(state.morph_weights[0], [0.0, 0.0]);

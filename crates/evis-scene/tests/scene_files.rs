@@ -297,6 +297,7 @@ fn mistakes_are_named_with_their_place_and_the_remedy() {
         ("[dynamics]\ngravity = [0, nan, 0]".into(), vec!["[dynamics]: gravity is"]),
         ("[dynamics]\ngravitiy = [0, 1, 0]".into(), vec!["unknown key 'gravitiy' in [dynamics]", "'gravity'"]),
         ("[[cameras]]\nname = 'c'\nfov_y_degrees = 180".into(), vec!["[[cameras]] 'c': fov_y_degrees is 180", "179"]),
+        ("[[cameras]]\nname = 'c'\nfov_y_degrees = -60".into(), vec!["line 3: [[cameras]] 'c': fov_y_degrees is -60; it"]),
         ("[[cameras]]\nname = 'c'\nthreshold_on = 0".into(), vec!["threshold_on is 0", "above 0"]),
         ("[[cameras]]\nname = 'c'\nsize = [0, 4]".into(), vec!["size is [0, 4]", "8192"]),
         ("[[cameras]]\nname = 'c'\nfx = 100".into(), vec!["'cx' is missing"]),

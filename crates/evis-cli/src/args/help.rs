@@ -1,6 +1,6 @@
 //! Help texts: the command with its examples, and the short help of `-h`.
 
-use clap::builder::StyledStr;
+use clap::builder::{Resettable, StyledStr};
 use clap::{Command, CommandFactory};
 
 use super::Cli;
@@ -11,6 +11,22 @@ const COLUMNS: usize = 100;
 /// Lines that the short help of a command has at most.
 #[cfg(test)]
 const SHORT_LINES: usize = 30;
+
+/// Commands of the wheel's `evis` that are written in Python, and what they do.
+pub(crate) const IN_PYTHON: [(&str, &str); 4] = [
+    ("evaluate", "Ask networks whether they accept a recording's events: reconstruction, flow, matching"),
+    ("view", "Show a recording in the viewer Rerun, or write a file for it"),
+    ("plot", "Draw event rates, intervals, thumbnails, x-y-t clouds, and films"),
+    ("dataset", "Simulate a data set of many recordings, on several processes or a Ray cluster"),
+];
+
+/// Examples of the whole program, without its name.
+const FIRST_EXAMPLES: [&str; 4] = [
+    "run warehouse -o events.h5 --duration 0.25",
+    "preview events.h5 -o events.png",
+    "video in.mp4 -o events.h5 --like v2e",
+    "info scene.glb",
+];
 
 /// Examples of each command, without the program's name. The last thing that a help text shows.
 const EXAMPLES: [(&str, &[&str]); 17] = [
@@ -89,15 +105,32 @@ const EXAMPLES: [(&str, &[&str]); 17] = [
 pub(crate) fn command(program: &'static str) -> Command {
     let mut command = Cli::command().name(program).max_term_width(COLUMNS);
     for (name, examples) in EXAMPLES {
-        let lines = examples.iter().map(|line| format!("\n  {program} {line}"));
-        let text = format!("Examples:{}", lines.collect::<String>());
-        command = command.mut_subcommand(name, |sub| sub.after_help(text));
+        command = command.mut_subcommand(name, |sub| sub.after_help(in_lines(program, examples)));
+    }
+    if program == "evis" {
+        let help = listed(&command).render_long_help();
+        command = command.override_help(help);
     }
     command
 }
 
-/// `command`, in which every subcommand's help is its short one: one line per option, without the rare ones.
+fn in_lines(program: &str, examples: &[&str]) -> String {
+    let lines = examples.iter().map(|line| format!("\n  {program} {line}"));
+    format!("Examples:{}", lines.collect::<String>())
+}
+
+/// `command` with all that its help lists: the wheel runs some commands itself, before this program sees them.
+pub(crate) fn listed(command: &Command) -> Command {
+    match command.get_name() {
+        "evis" => command.clone().subcommands(IN_PYTHON.map(|(name, about)| Command::new(name).about(about))),
+        _ => command.clone(),
+    }
+}
+
+/// `command`, in which its help and that of every subcommand is the short one: one line per option, without the rare ones.
 pub(crate) fn with_short_help(command: Command) -> Command {
+    let overview = short_overview(&command);
+    let command = command.override_help(overview);
     let mut built = command.clone();
     built.build();
     let names: Vec<_> = built.get_subcommands().map(|sub| sub.get_name().to_owned()).collect();
@@ -108,6 +141,35 @@ pub(crate) fn with_short_help(command: Command) -> Command {
     })
 }
 
+/// The short help of the whole program.
+fn short_overview(command: &Command) -> StyledStr {
+    let program = command.get_name().to_owned();
+    let mut listed = listed(command)
+        .term_width(COLUMNS)
+        .override_help(Resettable::Reset)
+        .after_help(in_lines(&program, &FIRST_EXAMPLES))
+        .disable_help_subcommand(true)
+        .disable_version_flag(true)
+        .mut_args(|arg| arg.hide(true));
+    let more = format!(
+        "{program} COMMAND -h shows a command's options, {program} --help what holds for all of them.\n"
+    );
+    let help = listed.render_help();
+    StyledStr::from(dense(&help) + &more)
+}
+
+/// `help` without its empty lines, which would double its height: headings stand out by themselves. What asks for help
+/// is left out as well, since who reads this has it.
+fn dense(help: &StyledStr) -> String {
+    let (styled, plain) = (help.ansi().to_string(), help.to_string());
+    let shown = |line: &str| {
+        let line = line.trim_start();
+        !line.is_empty() && line != "Options:" && !line.starts_with("-h, --help")
+    };
+    let lines = styled.lines().zip(plain.lines()).filter(|(_, plain)| shown(plain));
+    lines.map(|(styled, _)| format!("{styled}\n")).collect()
+}
+
 /// The short help of a built subcommand.
 fn short_help(sub: &Command) -> StyledStr {
     let mut sub = sub.clone().term_width(COLUMNS).mut_args(|arg| arg.hide_possible_values(true));
@@ -115,19 +177,12 @@ fn short_help(sub: &Command) -> StyledStr {
     // Switches count, --help does not.
     let all = sub.get_arguments().filter(|arg| !arg.is_positional() && arg.get_id() != "help").count();
     let help = sub.render_help();
-    let (styled, plain) = (help.ansi().to_string(), help.to_string());
-    // Headings stand out by themselves; an empty line after each would double the height. What asks for help has it.
-    let shown = |line: &&str| {
-        !line.trim().is_empty() && *line != "Options:" && !line.trim_start().starts_with("-h, --help")
-    };
-    let lines = styled.lines().zip(plain.lines()).filter(|(_, plain)| shown(plain));
-    let lines = lines.map(|(styled, _)| format!("{styled}\n"));
     let more = match all {
         0 => String::new(),
         1 => format!("{name} --help explains its option.\n"),
         all => format!("{name} --help explains all {all} options.\n"),
     };
-    StyledStr::from(lines.chain([more]).collect::<String>())
+    StyledStr::from(dense(&help) + &more)
 }
 
 #[cfg(test)]
@@ -157,7 +212,8 @@ mod tests {
     fn short_help_keeps_its_bounds_and_names_the_program() {
         let mut helps = short_helps("evis");
         assert!(helps.len() > 10);
-        helps.push(("evis".into(), command("evis").render_help().to_string()));
+        let whole = |program| with_short_help(command(program)).render_help().to_string();
+        helps.push(("evis".into(), whole("evis")));
         for (name, text) in helps {
             assert_eq!(too_large(&text), None, "{name}:\n{text}");
             assert!(!text.contains("evis-rs"), "{name}:\n{text}");
@@ -165,6 +221,18 @@ mod tests {
         let of = |name: &str| short_helps("evis-rs").into_iter().find(|(known, _)| known == name).unwrap().1;
         for name in ["run", "video"] {
             assert_eq!(of(name).matches(&format!("\n  evis-rs {name} ")).count(), 4, "{}", of(name));
+        }
+        for program in ["evis", "evis-rs"] {
+            let (short, long) = (whole(program), command(program).render_long_help().to_string());
+            assert_eq!(short.matches(&format!("\n  {program} ")).count(), 4, "{short}");
+            // The program of the package lists what it runs itself, everywhere, and no other program does.
+            for (name, about) in IN_PYTHON {
+                let is_listed = |text: &str| {
+                    text.lines().any(|line| line.starts_with(&format!("  {name} ")) && line.ends_with(about))
+                };
+                assert_eq!([is_listed(&short), is_listed(&long)], [program == "evis"; 2], "{short}{long}");
+            }
+            assert!(!short.contains("Exit codes") && long.contains("Exit codes"), "{short}{long}");
         }
         for heading in ["Scene:", "Output:", "Labels:", "Sensor:", "Quality:", "Device:"] {
             assert!(of("run").lines().any(|line| line == heading), "{heading}\n{}", of("run"));
@@ -206,7 +274,8 @@ mod tests {
     #[test]
     fn examples_are_command_lines_that_are_taken() {
         let taken = |line: &str| command("evis-rs").try_get_matches_from(line.split_whitespace()).is_ok();
-        for (name, examples) in EXAMPLES {
+        let examples = EXAMPLES.iter().copied().chain([("the whole program", FIRST_EXAMPLES.as_slice())]);
+        for (name, examples) in examples {
             for line in examples {
                 assert!(taken(&format!("evis-rs {line}")), "{name}: {line}");
             }

@@ -15,7 +15,7 @@ pub(crate) struct InfoArgs {
     pub(crate) input: PathBuf,
     #[command(flatten)]
     pub(crate) animation: AnimationArgs,
-    /// The camera, of a file of another program that has several
+    /// The camera, where the file has several [default: all, of a recording]
     #[arg(long, value_name = "NAME", conflicts_with = "repair", help_heading = "Input")]
     pub(crate) camera: Option<String>,
     /// Make a file that was cut off readable for every reader, keeping what it holds

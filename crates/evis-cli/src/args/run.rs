@@ -121,7 +121,7 @@ pub(crate) struct RunArgs {
 
     /// A value of the sensor, such as noise.shot_hz=1; repeat for several
     ///
-    /// docs/sensor.md lists the keys. It stands over the preset, the file or the scene.
+    /// docs/sensor-keys.md lists the keys. It stands over the preset, the file or the scene.
     #[arg(long, value_name = "KEY=VALUE", help_heading = "Sensor")]
     pub(crate) set: Vec<String>,
 

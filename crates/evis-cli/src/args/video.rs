@@ -44,7 +44,7 @@ pub(crate) struct VideoArgs {
 
     /// A value of the sensor, such as noise.shot_hz=1; repeat for several
     ///
-    /// docs/sensor.md lists the keys. It stands over the preset or the file.
+    /// docs/sensor-keys.md lists the keys. It stands over the preset or the file.
     #[arg(long, value_name = "KEY=VALUE", help_heading = "Sensor")]
     pub(crate) set: Vec<String>,
 

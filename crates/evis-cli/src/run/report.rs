@@ -199,8 +199,9 @@ impl Report {
         let stopped = if self.interrupted { " (interrupted; the file is complete up to here)" } else { "" };
         let factor = text::significant(self.real_time_factor);
         format!(
-            "time     {} s of stream{stopped} in {:.1} s, {factor} × real time",
-            self.stream_s, self.wall_s
+            "time     {} s of stream{stopped} in {} s, {factor} × real time",
+            self.stream_s,
+            text::measured(self.wall_s)
         )
     }
 

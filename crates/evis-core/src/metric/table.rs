@@ -4,6 +4,9 @@ use std::fmt::{Display, Formatter, Result};
 
 use super::{MatchScore, Score};
 
+/// The tolerance of the score that quality presets promise, where it is scaled by image speed, microseconds.
+const PROMISED_US: i64 = 1000;
+
 impl Display for Score {
     fn fmt(&self, f: &mut Formatter<'_>) -> Result {
         writeln!(
@@ -39,10 +42,17 @@ impl Display for Score {
             "spurious"
         )?;
         for level in &self.tolerances {
+            let is_promised = level.tolerance_us == PROMISED_US;
             row(f, level.tolerance_us, "plain", &level.plain)?;
-            row(f, level.tolerance_us, "scaled", &level.scaled)?;
+            row(f, level.tolerance_us, if is_promised { "scaled *" } else { "scaled" }, &level.scaled)?;
         }
         writeln!(f, "missed and spurious: per pixel and second")?;
+        if self.tolerances.iter().any(|level| level.tolerance_us == PROMISED_US) {
+            writeln!(
+                f,
+                "* the F1 of quality presets: within 1 ms, or the time to move by 0.1 px where that is longer"
+            )?;
+        }
         self.regions(f)?;
         writeln!(
             f,

@@ -424,4 +424,16 @@ fn a_score_reads_as_a_table() {
     for words in ["1000 us plain     1.0000", "100 us scaled    0.0000", "500.0", "interior", "voxel"] {
         assert!(text.contains(words), "the table lacks '{words}':\n{text}");
     }
+    // What presets promise is marked, and said, where it is among the tolerances.
+    let promised = |text: &str| {
+        let marked = text.lines().filter(|line| line.contains("scaled *")).map(str::trim_start);
+        (
+            marked.map(|line| line.split(" scaled").next().unwrap().to_owned()).collect(),
+            text.contains("0.1 px"),
+        )
+    };
+    assert_eq!(promised(&text), (vec!["1000 us".to_owned()], true), "{text}");
+    let settings = ScoreSettings { tolerances_us: vec![300, 100], ..ScoreSettings::default() };
+    let others = score(&truth.events, &truth, &settings).unwrap().to_string();
+    assert_eq!(promised(&others), (Vec::<String>::new(), false), "{others}");
 }

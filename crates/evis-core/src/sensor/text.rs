@@ -1,12 +1,13 @@
 //! Sensors as text: TOML files, and single settings `key=value`.
 
 use serde_json::Value;
+use toml::de::DeTable;
 
 use super::{ConfigError, Sensor, SensorConfig};
 use crate::words::{did_you_mean, line_of, of_serde};
 
 /// What a text of a sensor must be.
-const REMEDY: &str = "as docs/sensor.md shows";
+const REMEDY: &str = "as docs/sensor-keys.md shows";
 
 impl SensorConfig {
     /// Reads the TOML of a sensor. The key `base` names the preset that has what the text does not say; the ideal sensor
@@ -55,7 +56,7 @@ impl SensorConfig {
                     Some(near) => format!(" (did you mean '{near}'?)"),
                     None => did_you_mean(key, keys.iter().map(String::as_str)),
                 };
-                return Err(refuse(format!("a key that docs/sensor.md lists{hint}")));
+                return Err(refuse(format!("a key that docs/sensor-keys.md lists{hint}")));
             }
             place = &mut place[part];
         }
@@ -67,7 +68,7 @@ impl SensorConfig {
         }
         *place = value(text);
         let changed: Self = serde_json::from_value(tree).map_err(|error| {
-            let told = error.to_string().replace('`', "'");
+            let told = of_serde(&error.to_string());
             refuse(format!("a value of the kind that {key} has ({told})"))
         })?;
         changed.check_uses(key)?;
@@ -108,9 +109,19 @@ fn read(text: &str, with_lines: bool) -> Result<SensorConfig, ConfigError> {
         refuse(error.span().map(|span| line_of(source, span.start)), of_serde(error.message()))
     };
     let mut table: toml::Table = text.parse().map_err(|error| of_toml(&error, text))?;
+    // What no sensor can have is named with the line that says it, where the text does and not its base.
+    let checked = |config: SensorConfig| match Sensor::new(config) {
+        Ok(sensor) => Ok(sensor.config().clone()),
+        Err(error) if with_lines => Err(match line_of_key(text, &error.what) {
+            Some(line) => {
+                ConfigError::new(&format!("line {line}: {}", error.what), error.value, error.remedy)
+            }
+            None => error,
+        }),
+        Err(error) => Err(error),
+    };
     let Some(base) = table.remove("base") else {
-        let config: SensorConfig = toml::from_str(text).map_err(|error| of_toml(&error, text))?;
-        return Ok(Sensor::new(config)?.config().clone());
+        return checked(toml::from_str(text).map_err(|error| of_toml(&error, text))?);
     };
     // Without the line of the base the text has its lines still, and names what is wrong in them.
     let mut before_tables = true;
@@ -134,7 +145,22 @@ fn read(text: &str, with_lines: bool) -> Result<SensorConfig, ConfigError> {
     merge(&mut tree, given);
     let config: SensorConfig =
         serde_json::from_value(tree).map_err(|error| refuse(None, of_serde(&error.to_string())))?;
-    Ok(Sensor::new(config)?.config().clone())
+    checked(config)
+}
+
+/// The line of `text`, TOML, in which the dotted `key` gets its value.
+fn line_of_key(text: &str, key: &str) -> Option<usize> {
+    let root = DeTable::parse(text).ok()?;
+    let mut table = root.get_ref();
+    let mut parts = key.split('.').peekable();
+    while let Some(part) = parts.next() {
+        let (key, value) = table.iter().find(|(key, _)| key.get_ref() == part)?;
+        if parts.peek().is_none() {
+            return Some(line_of(text, key.span().start));
+        }
+        table = value.get_ref().as_table()?;
+    }
+    None
 }
 
 /// Puts the values of `given` over those of `tree`.
@@ -176,6 +202,10 @@ mod tests {
             ("threshold_on = \"high\"\n", ["line 1", "invalid type"]),
             ("threshold_on = \n", ["line 1", "not usable"]),
             ("[noise]\n\n[refractory]\nrule = \"wait\"\n", ["line 4", "hold"]),
+            ("threshold_on = \"high\"\n", ["line 1", "expected a number"]),
+            ("threshold_off = 0.2\nthreshold_on = -1\n", ["line 2: threshold_on is -1", "above 0"]),
+            ("base = \"v2e\"\n[noise]\nleak_hz = -1\n", ["line 3: noise.leak_hz is -1", "must be"]),
+            ("noise = { leak_hz = 1,\n shot_hz = -2 }\n", ["line 2: noise.shot_hz is -2", "must be"]),
         ] {
             let error = SensorConfig::from_toml(text).unwrap_err().to_string();
             assert!(wanted.iter().all(|word| error.contains(word)), "{text}: {error}");

@@ -52,6 +52,11 @@ pub(super) fn name(document: &Document, index: usize) -> String {
     }
 }
 
+/// What each animation is asked for by.
+pub(super) fn asked_for(document: &Document) -> Vec<String> {
+    (0..document.root.animations.len()).map(|index| name(document, index)).collect()
+}
+
 /// What is said where the first of several animations plays because nobody chose one.
 pub(super) fn unchosen(document: &Document) -> Option<String> {
     let mut names = names(document);

@@ -94,6 +94,7 @@ fn read_within(bytes: &[u8], folder: &Path, options: &Options, budget: Budget) -
     if options.animation.is_none() {
         scene.warnings.extend(animation::unchosen(&document));
     }
+    scene.animations = animation::asked_for(&document);
     scene.animation = animation.map(|index| animation::name(&document, index));
     fill(&document, folder, animation, &mut scene).map_err(SceneError::Rule)?;
     if options.standalone {

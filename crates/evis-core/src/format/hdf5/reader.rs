@@ -16,6 +16,7 @@ use super::{
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
 use crate::format::{FormatError, check_events};
 use crate::packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, LensDistortion, PoseSample};
+use crate::words::did_you_mean;
 
 /// Events that are decoded at once: bounds what a read needs beside its result.
 const EVENTS_AT_ONCE: u64 = 1 << 20;
@@ -416,10 +417,14 @@ impl Recording {
     pub fn find_camera(&self, name: Option<&str>) -> Result<usize, FormatError> {
         let cameras = &self.header.cameras;
         match name {
-            Some(name) => cameras
-                .iter()
-                .position(|c| c.name == name)
-                .ok_or_else(|| self.no_camera(&format!("{name:?}"))),
+            Some(name) => cameras.iter().position(|c| c.name == name).ok_or_else(|| {
+                let hint = did_you_mean(name, cameras.iter().map(|c| c.name.as_str()));
+                FormatError::invalid(
+                    &self.path,
+                    format!("there is no camera '{name}'"),
+                    format!("there is {}{hint}", self.camera_names()),
+                )
+            }),
             None if cameras.len() == 1 => Ok(0),
             None => Err(FormatError::invalid(
                 &self.path,
