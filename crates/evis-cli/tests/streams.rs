@@ -268,7 +268,7 @@ fn tune_writes_settings_that_run_takes() {
     for (arguments, wanted) in [
         ("tune spinner -o found.toml", &["found.toml", "--force"][..]),
         ("tune spinner -o found.h5", &["found.h5", ".toml"]),
-        ("tune spinner -o b.toml --target-f1 1.5", &["target_f1", "1.5", "0.98"]),
+        ("tune spinner -o b.toml --target-f1 1.5", &["--target-f1 is 1.5", "0.98"]),
         ("tune spinner -o b.toml --budget 0", &["budget", "0", "above 0"]),
     ] {
         let output = evis(&folder, arguments);

@@ -97,7 +97,7 @@ fn a_truth_comes_back_as_it_was() {
     let error = truth.write(&path, false).unwrap_err();
     assert!(matches!(error, FormatError::Exists { .. }), "{error}");
     let error = Truth::load(&path, Some("right")).unwrap_err().to_string();
-    assert!(error.contains("\"right\"") && error.contains("left"), "{error}");
+    assert!(error.contains("'right'") && error.contains("left"), "{error}");
 }
 
 #[test]
