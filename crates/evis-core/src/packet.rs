@@ -51,6 +51,9 @@ impl CameraInfo {
     }
 }
 
+/// Of OpenCV's rational model, with thin prisms and a tilted sensor.
+const MOST_COEFFICIENTS: usize = 14;
+
 /// How a lens departs from a pinhole: a model, and its coefficients in OpenCV's order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct LensDistortion {
@@ -58,6 +61,14 @@ pub struct LensDistortion {
     pub model: String,
     /// As many as the model has; missing ones at the end are 0.
     pub coefficients: Vec<f64>,
+}
+
+impl LensDistortion {
+    /// Whether there are no more coefficients than any model has, all of them finite.
+    pub fn is_usable(&self) -> bool {
+        self.coefficients.len() <= MOST_COEFFICIENTS
+            && self.coefficients.iter().all(|value| value.is_finite())
+    }
 }
 
 /// Which label an image carries. Labels are one sample at the pixel's centre.

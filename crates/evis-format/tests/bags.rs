@@ -178,6 +178,37 @@ fn a_recording_comes_back_from_a_bag_value_for_value() {
 }
 
 #[test]
+fn a_lens_that_cannot_be_is_left_out_and_said() {
+    let folder = Folder::new("lens");
+    let k1 = 0.271_828_18_f64;
+    let lens = LensDistortion { model: "fisheye".into(), coefficients: vec![k1, 0.0, 0.0, 0.0] };
+    let recording = write_recording(&folder.file("a.h5"), vec![camera("wide", Some(lens))]);
+    let bag = folder.file("a.mcap");
+    export_mcap(&recording, &bag, false, |_| true).unwrap().unwrap();
+    let mut bytes = fs::read(&bag).unwrap();
+    let places: Vec<usize> =
+        (0..bytes.len() - 8).filter(|at| bytes[*at..at + 8] == k1.to_le_bytes()).collect();
+    assert!(!places.is_empty());
+    for at in places {
+        bytes[at..at + 8].copy_from_slice(&f64::NAN.to_le_bytes());
+    }
+    fs::write(&bag, bytes).unwrap();
+    let import = import_mcap(&bag, &folder.file("b.h5"), false, |_| true).unwrap().unwrap();
+    assert!(import.left_out.iter().any(|what| what.contains("NaN")), "{:?}", import.left_out);
+    let back = Recording::open(&folder.file("b.h5")).unwrap();
+    assert_eq!(back.header().cameras[0].distortion, None);
+    assert_eq!(back.events(0).unwrap(), events(0));
+
+    // And nothing is written that could not be read.
+    let mut broken = cameras();
+    broken[1].distortion.as_mut().unwrap().coefficients[2] = f64::INFINITY;
+    let refused = RecordingWriter::create(&folder.file("c.h5"), &RecordingHeader::of(broken), false);
+    let refused = refused.err().unwrap().to_string();
+    assert!(refused.contains("right") && refused.contains("finite"), "{refused}");
+    assert!(!folder.file("c.h5").exists());
+}
+
+#[test]
 fn work_that_is_stopped_leaves_what_was_there() {
     let folder = Folder::new("stopped");
     let recording = write_recording(&folder.file("a.h5"), cameras()[..2].to_vec());

@@ -311,7 +311,7 @@ impl EventEmulator {
                     return Ok(());
                 }
                 // A tile's clock starts at a frame that it has seen, and is moved on before the next one where that is long ago.
-                let age_us = now_us - chain.base_us;
+                let age_us = now_us.checked_sub(chain.base_us).ok_or(Broken)?;
                 require((0..=REBASE_US + MAX_INTERVAL_US).contains(&age_us))?;
                 let ages = chain.moved.iter().chain(&chain.fired);
                 require(ages.into_iter().all(|us| *us >= LONG_AGO && i64::from(*us) <= age_us))?;
@@ -412,6 +412,24 @@ mod tests {
                 assert_eq!(emulator(&sensor).restore(&changed).is_ok(), is_taken);
             }
         }
+    }
+
+    #[test]
+    fn clocks_at_the_ends_of_their_type_are_refused() {
+        let sensor = SensorConfig::preset("v2e-noisy").unwrap();
+        let mut one = emulator(&sensor);
+        push(&mut one, 0, 1000).unwrap();
+        let state = one.state();
+        let mut refused = 0;
+        // Every place that may hold a clock: counts, and what a tile begins with.
+        for (at, far) in (16..400).flat_map(|at| [(at, i64::MIN), (at, i64::MAX)]) {
+            let mut damaged = state[..state.len() - HASH_BYTES].to_vec();
+            damaged[at..at + 8].copy_from_slice(&far.to_le_bytes());
+            let sum = hash(&damaged);
+            damaged.extend(sum.to_le_bytes());
+            refused += usize::from(emulator(&sensor).restore(&damaged).is_err());
+        }
+        assert!(refused > 100, "{refused}");
     }
 
     #[test]

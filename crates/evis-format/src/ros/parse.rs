@@ -220,5 +220,11 @@ pub(super) fn camera_info(bytes: &[u8], name: &str) -> Result<CameraInfo, String
         other => return Err(format!("a lens is distorted as '{other}', which is not read")),
     };
     let distortion = model.map(|model| LensDistortion { model: model.into(), coefficients });
+    if let Some(unusable) = distortion.as_ref().filter(|distortion| !distortion.is_usable()) {
+        return Err(format!(
+            "it has the distortion coefficients {:?}, which cannot be",
+            unusable.coefficients
+        ));
+    }
     Ok(CameraInfo { name: name.into(), width, height, fx, fy, cx: cx + 0.5, cy: cy + 0.5, distortion })
 }

@@ -58,6 +58,14 @@ pub(super) fn check_header(path: &Path, header: &RecordingHeader) -> Result<(), 
             );
         }
     }
+    let unusable = |camera: &&CameraInfo| camera.distortion.as_ref().is_some_and(|own| !own.is_usable());
+    if let Some(camera) = header.cameras.iter().find(unusable) {
+        let coefficients = camera.distortion.as_ref().map(|own| &own.coefficients);
+        return invalid(
+            format!("camera {:?} has the distortion {:?}", camera.name, coefficients.unwrap_or(&Vec::new())),
+            "give at most 14 coefficients, all of them finite",
+        );
+    }
     for (i, kind) in header.labels.iter().enumerate() {
         if header.labels.iter().take(i).any(|other| other == kind) {
             return invalid(format!("label {} is listed twice", kind.name()), "list it once");

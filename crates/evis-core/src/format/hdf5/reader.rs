@@ -659,10 +659,12 @@ impl Source<'_> {
         let [model] = models.as_slice() else {
             return Err(self.damaged(format!("camera {camera} has {} distortion models", models.len())));
         };
-        if count > 14 || !coefficients.iter().all(|value| value.is_finite()) {
+        let distortion = LensDistortion { model: model.clone(), coefficients };
+        if !distortion.is_usable() {
+            let coefficients = &distortion.coefficients;
             return Err(self.damaged(format!("camera {camera} has the distortion {coefficients:?}")));
         }
-        Ok(Some(LensDistortion { model: model.clone(), coefficients }))
+        Ok(Some(distortion))
     }
 
     fn header(&self) -> Result<RecordingHeader, FormatError> {
