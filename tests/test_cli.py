@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import evis
 from evis import _commands
 
@@ -75,3 +77,22 @@ def test_scenes_are_listed():
     assert done.returncode == 0
     for name in evis.scenes():
         assert name in done.stdout
+
+
+@pytest.mark.parametrize(
+    "command",
+    ["evaluate", "evaluate reconstruct", "evaluate flow", "evaluate match", "view", "plot", "dataset"],
+)
+def test_help_of_commands_in_python_has_headings_and_examples(command: str) -> None:
+    told = run(*command.split(), "-h")
+    lines = told.stdout.splitlines()
+    assert told.returncode == 0
+    assert len(lines) <= 30
+    assert max(map(len, lines)) <= 100
+    assert "Examples:" in lines
+    examples = [line.split() for line in lines[lines.index("Examples:") + 1 :] if line.startswith("  evis ")]
+    assert examples
+    assert all(example[1 : 1 + len(command.split())] == command.split() for example in examples)
+    headings = [line for line in lines if line.endswith(":") and not line.startswith(" ")]
+    assert headings[0] == "Input:"
+    assert "Options:" not in headings

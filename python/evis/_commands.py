@@ -6,9 +6,11 @@ import argparse
 import re
 import sys
 import tempfile
+import textwrap
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,9 +21,41 @@ from ._evis import ConfigError, EvisError
 from ._files import load
 from ._scene import Scene, scenes
 
+_COLUMNS = 99
+
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors name the choice that was probably meant."""
+    """A parser with headings and examples, whose errors name the choice that was probably meant."""
+
+    def __init__(
+        self, *, examples: Sequence[str] = (), description: str = "", epilog: str = "", **options: Any
+    ) -> None:
+        shown = [f"  evis {example}" for example in examples]
+        parts = ["\n".join(["Examples:", *shown]) if shown else "", textwrap.fill(epilog, _COLUMNS)]
+        super().__init__(
+            description=textwrap.fill(description, _COLUMNS),
+            epilog="\n\n".join(part for part in parts if part),
+            formatter_class=partial(
+                argparse.RawDescriptionHelpFormatter, max_help_position=30, width=_COLUMNS
+            ),
+            **options,
+        )
+        self._positionals.title, self._optionals.title = "Input", "Options"
+
+    def format_help(self) -> str:
+        """Return the help as the other commands have it: dense, and without what asks for it."""
+        named = [(action.metavar, action.nargs) for action in self._positionals._group_actions]
+        places = [f"[{metavar}]" if nargs == "?" else str(metavar) for metavar, nargs in named]
+        usage, self.usage = self.usage, " ".join(["%(prog)s", "[OPTIONS]", *places])
+        lines = super().format_help().splitlines()
+        self.usage = usage
+        shown = (line for line in lines if line.strip() and line != "Options:")
+        return "".join(f"{line}\n" for line in shown if not line.startswith("  -h, --help"))
+
+    def headed(self, heading: str) -> argparse._ArgumentGroup:
+        """Return the options under ``heading``."""
+        known = [group for group in self._action_groups if group.title == heading]
+        return known[0] if known else self.add_argument_group(heading)
 
     def error(self, message: str) -> NoReturn:
         wrong = re.search(r"invalid choice: '([^']*)' \(choose from ([^)]*)\)", message)
@@ -58,14 +92,30 @@ _QUALITIES = ("draft", "standard", "high", "reference")
 def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="evis evaluate",
+        examples=["evaluate reconstruct events.h5 --network firenet.onnx", "evaluate flow events.h5"],
         description="Ask networks (ONNX files, run by onnxruntime) whether they accept a recording's events.",
         epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package); 1 a control does not "
         "fail, so that the other figures say nothing.",
     )
     tasks = parser.add_subparsers(dest="task", required=True, metavar="TASK")
-    reconstruct = tasks.add_parser("reconstruct", help="reconstruct pictures, and compare them with frames")
-    flow = tasks.add_parser("flow", help="hold events against exact optical flow, and a network's")
-    match = tasks.add_parser("match", help="match views 200 ms apart, and of two cameras")
+    reconstruct = tasks.add_parser(
+        "reconstruct",
+        help="reconstruct pictures, and compare them with frames",
+        examples=[
+            "evaluate reconstruct events.h5 --network firenet.onnx",
+            "evaluate reconstruct spinner --network firenet.onnx --ladder --figure ladder.png",
+        ],
+    )
+    flow = tasks.add_parser(
+        "flow",
+        help="hold events against exact optical flow, and a network's",
+        examples=["evaluate flow events.h5", "evaluate flow events.h5 --network flow.onnx --windows-ms 50"],
+    )
+    match = tasks.add_parser(
+        "match",
+        help="match views 200 ms apart, and of two cameras",
+        examples=["evaluate match events.h5 --network xfeat.onnx --cameras left,right"],
+    )
     for task in (reconstruct, flow, match):
         task.add_argument(
             "source",
@@ -73,40 +123,68 @@ def _parser() -> argparse.ArgumentParser:
             help="a recording with labels, as evis run writes them; or a built-in scene or scene file, "
             "which is simulated",
         )
-        task.add_argument("--size", type=_size, metavar="WxH", help="of a scene: pixels (320x240)")
-        task.add_argument("--duration", type=float, metavar="S", help="of a scene: seconds (1)")
-        task.add_argument("--quality", choices=_QUALITIES, help="of a scene: the preset (draft)")
-        task.add_argument(
+        task.headed("Scene").add_argument(
+            "--size", type=_size, metavar="WxH", help="of a scene: pixels (320x240)"
+        )
+        task.headed("Scene").add_argument(
+            "--duration", type=float, metavar="S", help="of a scene: seconds (1)"
+        )
+        task.headed("Scene").add_argument(
+            "--quality", choices=_QUALITIES, help="of a scene: the preset (draft)"
+        )
+        task.headed("Scene").add_argument(
             "--ladder",
             action="store_true",
             help="of a scene: once for each of: " + ", ".join(evaluate.LADDER),
         )
-        task.add_argument("--figure", metavar="OUT.png", help="with --ladder: draw it")
-        task.add_argument("--no-controls", action="store_true", help="leave the controls out")
-        task.add_argument("--json", action="store_true", help="print JSON in place of a table")
-        task.add_argument("--skip", type=int, metavar="N", help="windows at the start that do not count")
-        task.add_argument("--no-normalize", action="store_true", help="do not normalize voxel grids")
-        task.add_argument("--network", metavar="N.onnx", required=task is not flow, help="the network")
+        task.headed("Output").add_argument("--figure", metavar="OUT.png", help="with --ladder: draw it")
+        task.headed("Output").add_argument(
+            "--no-controls", action="store_true", help="leave the controls out"
+        )
+        task.headed("Output").add_argument(
+            "--json", action="store_true", help="print JSON in place of a table"
+        )
+        task.headed("Windows and cameras").add_argument(
+            "--skip", type=int, metavar="N", help="windows at the start that do not count"
+        )
+        task.headed("Networks").add_argument(
+            "--no-normalize", action="store_true", help="do not normalize voxel grids"
+        )
+        task.headed("Networks").add_argument(
+            "--network", metavar="N.onnx", required=task is not flow, help="the network"
+        )
     for task, windows in ((reconstruct, "20,40"), (flow, "20,40,100")):
-        task.add_argument(
+        task.headed("Windows and cameras").add_argument(
             "--windows-ms", type=_times, metavar="MS,MS", help=f"windows in milliseconds ({windows})"
         )
-        task.add_argument("--camera", metavar="NAME", help="the camera (the first)")
+        task.headed("Windows and cameras").add_argument(
+            "--camera", metavar="NAME", help="the camera (the first)"
+        )
     for task in (reconstruct, match):
-        task.add_argument(
+        task.headed("Networks").add_argument(
             "--post",
             choices=["none", "standard", "robust", "exprobust"],
             default="none",
             help="what EVREAL does to reconstructions before they are compared (%(default)s)",
         )
-    reconstruct.add_argument(
+    reconstruct.headed("Networks").add_argument(
         "--lpips", metavar="L.onnx", help="a network for LPIPS: two pictures to a number"
     )
-    match.add_argument("--reconstructor", metavar="R.onnx", help="a network that makes pictures of events")
-    match.add_argument("--window-ms", type=_milliseconds, metavar="MS", help="events per picture (20)")
-    match.add_argument("--apart-ms", type=_milliseconds, metavar="MS", help="time between two views (200)")
-    match.add_argument("--pairs", type=int, metavar="N", help="pairs of views, at most (10)")
-    match.add_argument("--cameras", metavar="A,B", help="one camera, or two (the first two)")
+    match.headed("Networks").add_argument(
+        "--reconstructor", metavar="R.onnx", help="a network that makes pictures of events"
+    )
+    match.headed("Windows and cameras").add_argument(
+        "--window-ms", type=_milliseconds, metavar="MS", help="events per picture (20)"
+    )
+    match.headed("Windows and cameras").add_argument(
+        "--apart-ms", type=_milliseconds, metavar="MS", help="time between two views (200)"
+    )
+    match.headed("Windows and cameras").add_argument(
+        "--pairs", type=int, metavar="N", help="pairs of views, at most (10)"
+    )
+    match.headed("Windows and cameras").add_argument(
+        "--cameras", metavar="A,B", help="one camera, or two (the first two)"
+    )
     return parser
 
 
@@ -212,11 +290,12 @@ def _seconds(text: str) -> int:
     raise argparse.ArgumentTypeError(f"it is {text!r}; it must be a time in seconds, such as 0.5")
 
 
-def _part(parser: argparse.ArgumentParser, camera: str) -> None:
+def _part(parser: _Parser, camera: str) -> None:
     """Add the options that choose a part of a recording."""
-    parser.add_argument("--camera", metavar="NAME", help=f"the camera ({camera})")
-    parser.add_argument("--start", type=_seconds, metavar="S", help="where to start, seconds (at the start)")
-    parser.add_argument("--duration", type=_seconds, metavar="S", help="how much, seconds (to the end)")
+    part = parser.headed("Part of the recording")
+    part.add_argument("--camera", metavar="NAME", help=f"the camera ({camera})")
+    part.add_argument("--start", type=_seconds, metavar="S", help="where to start, seconds (at the start)")
+    part.add_argument("--duration", type=_seconds, metavar="S", help="how much, seconds (to the end)")
 
 
 def _end_us(given: argparse.Namespace) -> int | None:
@@ -231,13 +310,16 @@ def _end_us(given: argparse.Namespace) -> int | None:
 def _view_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="evis view",
+        examples=["view events.h5", "view events.h5 --save events.rrd --start 0.1 --duration 0.2"],
         description="Show a recording in the viewer Rerun: events, frames, depth, flow, camera and poses on "
         "one timeline; of files of other programs, events.",
         epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package, no display).",
     )
     parser.add_argument("file", metavar="FILE", help="a file of events of any format")
-    parser.add_argument("--save", metavar="OUT.rrd", help="write a file for the viewer; needs no display")
-    parser.add_argument(
+    parser.headed("Output").add_argument(
+        "--save", metavar="OUT.rrd", help="write a file for the viewer; needs no display"
+    )
+    parser.headed("Output").add_argument(
         "--window-ms", type=_milliseconds, default=10_000, metavar="MS", help="events per picture (10)"
     )
     _part(parser, "all")
@@ -271,25 +353,32 @@ _WINDOWS = {"thumbnails": "window_us", "surface": "tau_us", "rates": "bin_us"}
 def _plot_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="evis plot",
+        examples=[
+            "plot events.h5 -o events.png",
+            "plot events.h5 -o rates.svg --kind rates",
+            "plot events.raw --video cloud.mp4 --kind xyt --slow 20",
+        ],
         description="Draw the events of a recording, as a picture or as a film.",
         epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package).",
     )
     parser.add_argument("file", metavar="FILE", help="a file of events of any format")
-    parser.add_argument("-o", "--output", metavar="OUT", help=f"the picture: {', '.join(_PICTURES)}")
-    parser.add_argument("--video", metavar="OUT.mp4", help="the film")
-    parser.add_argument(
+    parser.headed("Output").add_argument(
+        "-o", "--output", metavar="OUT", help=f"the picture: {', '.join(_PICTURES)}"
+    )
+    parser.headed("Output").add_argument("--video", metavar="OUT.mp4", help="the film")
+    parser.headed("Picture").add_argument(
         "--kind",
         choices=list(plot.KINDS),
         help=f"what is drawn (summary; films: {', '.join(plot.FILMS)}, of which the first)",
     )
-    parser.add_argument(
+    parser.headed("Picture").add_argument(
         "--window-ms",
         type=_milliseconds,
         metavar="MS",
         help="events per frame or thumbnail; time in which a surface fades to 1/e; bin of rates",
     )
-    parser.add_argument("--fps", type=float, help="frames per second of a film (30)")
-    parser.add_argument("--slow", type=float, metavar="N", help="so many times slower (1)")
+    parser.headed("Picture").add_argument("--fps", type=float, help="frames per second of a film (30)")
+    parser.headed("Picture").add_argument("--slow", type=float, metavar="N", help="so many times slower (1)")
     _part(parser, "the first")
     return parser
 
@@ -376,15 +465,23 @@ def run_plot(arguments: Sequence[str]) -> int:
 def _dataset_parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="evis dataset",
+        examples=[
+            "dataset objects2d -o data --workers 8",
+            "dataset spec.toml --dry-run",
+            "dataset objects2d --print > spec.toml",
+            "dataset --check data",
+        ],
         description="Simulate a data set: scenes x trajectories x sensors x seeds, in sharded HDF5 files "
         "with a manifest. After a kill the same command goes on; finished shards are not simulated again.",
         epilog="Exit codes: 0 done; 2 bad input (arguments, files, a missing package); 130 interrupted. "
         f"Specifications that come with EVIS: {', '.join(dataset.shipped())}.",
     )
     parser.add_argument("spec", metavar="SPEC", nargs="?", help="a TOML file, or the name of a shipped one")
-    parser.add_argument("-o", "--output", metavar="DIR", help="the folder of the data set")
-    parser.add_argument("--workers", type=int, metavar="N", help="processes (one per CPU); 0: this one")
-    parser.add_argument(
+    parser.headed("Output").add_argument("-o", "--output", metavar="DIR", help="the folder of the data set")
+    parser.headed("Workers").add_argument(
+        "--workers", type=int, metavar="N", help="processes (one per CPU); 0: this one"
+    )
+    parser.headed("Workers").add_argument(
         "--ray",
         nargs="?",
         const=True,
@@ -392,10 +489,16 @@ def _dataset_parser() -> argparse.ArgumentParser:
         metavar="ADDRESS",
         help="simulate on a Ray cluster, auto or ray://HOST:10001; without ADDRESS one on this machine",
     )
-    parser.add_argument("--force", action="store_true", help="replace shards of another specification")
-    parser.add_argument("--dry-run", action="store_true", help="check, and list what would be simulated")
-    parser.add_argument("--print", action="store_true", help="print the specification")
-    parser.add_argument("--check", metavar="DIR", help="compare a data set with the hashes in its manifest")
+    parser.headed("Output").add_argument(
+        "--force", action="store_true", help="replace shards of another specification"
+    )
+    parser.headed("Checks").add_argument(
+        "--dry-run", action="store_true", help="check, and list what would be simulated"
+    )
+    parser.headed("Checks").add_argument("--print", action="store_true", help="print the specification")
+    parser.headed("Checks").add_argument(
+        "--check", metavar="DIR", help="compare a data set with the hashes in its manifest"
+    )
     return parser
 
 

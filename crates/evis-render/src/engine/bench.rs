@@ -12,7 +12,7 @@ use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::sensor::group::{Slot, Unit};
-use crate::sensor::trigger;
+use crate::sensor::{step, trigger};
 use crate::world::view;
 
 /// How far a submission goes; each includes those before it.
@@ -120,7 +120,7 @@ impl Stages {
             let chain = group.chain.is_some();
             let count = if is_whole { steps.len() } else { stage.trigger_steps(steps.len(), chain) };
             trigger::clear_tallies(&mut encoder, group);
-            trigger::encode_trigger(&mut encoder, &steps[..count]);
+            step::encode_trigger(&mut encoder, &steps[..count]);
             if let Some(dense) = dense {
                 dense.read(gpu, &mut encoder, 0, unit.base_us(grid));
             }

@@ -10,7 +10,8 @@ use crate::sampling::Sampling;
 use crate::sensor::chain::GroupChain;
 use crate::sensor::group::{Slot, Unit};
 use crate::sensor::passes::{WalkPasses, share_passes};
-use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
+use crate::sensor::step::encode_trigger;
+use crate::sensor::trigger::{clear_tallies, trigger_steps};
 use crate::world::view::{View, reseed};
 
 use super::Engine;

@@ -7,8 +7,9 @@ use crate::sampling::{Readbacks, Sampling};
 use crate::sensor::dense::DenseArrays;
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::TriggerPasses;
+use crate::sensor::step::encode_trigger;
 use crate::sensor::targets::Targets;
-use crate::sensor::trigger::{clear_tallies, encode_trigger, trigger_steps};
+use crate::sensor::trigger::{clear_tallies, trigger_steps};
 
 /// Records one interval: the table of contents of a submission.
 #[expect(clippy::too_many_arguments, reason = "what an interval is recorded from, in order")]

@@ -16,8 +16,8 @@ use crate::pass;
 use crate::pass::trigger::{CHAIN_DENSE_BINDINGS, EMIT_DENSE_BINDINGS};
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
+use crate::sensor::step::TriggerStep;
 use crate::sensor::targets::Targets;
-use crate::sensor::trigger::TriggerStep;
 
 /// Windows that a submission may overlap, but for those at its ends.
 const MOST_WINDOWS: i64 = 32;

@@ -5,6 +5,7 @@ pub mod dense;
 pub mod group;
 pub mod host;
 pub mod passes;
+pub mod step;
 pub mod targets;
 pub mod trigger;
 pub mod unpack;

@@ -13,40 +13,13 @@ use crate::sensor::chain::{ChainPasses, Walk};
 use crate::sensor::dense::DenseArrays;
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
+use crate::sensor::step::TriggerStep;
 use crate::sensor::targets::Targets;
 
 /// Clears what pixels of a chain report: no events, and none active yet.
 pub fn clear_tallies(encoder: &mut Commands, group: &Group) {
     if group.chain.is_some() {
         encoder.clear_buffer(&group.status, size_of::<Status>() as u64, None);
-    }
-}
-
-/// One dispatch of the trigger.
-pub struct TriggerStep<'a> {
-    pipeline: &'a wgpu::ComputePipeline,
-    bindings: wgpu::BindGroup,
-    workgroups: (u32, u32, u32),
-}
-
-impl<'a> TriggerStep<'a> {
-    /// `pass` over all pixels of `group`.
-    pub fn over_pixels(
-        pass: &'a ComputePass,
-        bindings: wgpu::BindGroup,
-        targets: &Targets,
-        group: &Group,
-    ) -> Self {
-        let workgroups = Walk::Count.workgroups([targets.width, targets.height], group.views.len() as u32);
-        Self { pipeline: &pass.pipeline, bindings, workgroups }
-    }
-}
-
-/// Records `steps` in order.
-pub fn encode_trigger(encoder: &mut Commands, steps: &[TriggerStep<'_>]) {
-    let mut pass = encoder.compute("trigger");
-    for step in steps {
-        pass.dispatch(step.pipeline, &step.bindings, &[], step.workgroups);
     }
 }
 

@@ -22,8 +22,9 @@ use crate::raster::layers::LayerUse;
 use crate::sensor::chain::GroupChain;
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::{Blocks, TriggerPasses};
+use crate::sensor::step::encode_trigger;
 use crate::sensor::targets::Targets;
-use crate::sensor::trigger::{encode_trigger, trigger_steps};
+use crate::sensor::trigger::trigger_steps;
 use crate::sensor::unpack;
 use crate::world::view::View;
 

@@ -14,8 +14,9 @@ use crate::gpu::uniforms::{PixelMemory, Status, ViewSensor};
 use crate::raster::layers::LayerUse;
 use crate::sensor::group::{Group, Slot, Unit};
 use crate::sensor::passes::{Blocks, TriggerPasses};
+use crate::sensor::step::encode_trigger;
 use crate::sensor::targets::Targets;
-use crate::sensor::trigger::{encode_trigger, trigger_steps};
+use crate::sensor::trigger::trigger_steps;
 use crate::world::tiles::{TILE, tiles_along};
 
 const WIDTH: u32 = 70;
