@@ -92,6 +92,7 @@ def test_settings_are_kept_and_checked(device: evis.Device) -> None:
         ({"dense": "counts", "dense_window_us": 10}, "dense_window_us is 10"),
         ({"dense": "counts", "dense_window_us": 2.5}, "dense_window_us"),
         ({"dense": "counts", "labels": ["cause"]}, "cause"),
+        ({"dense_window_us": 5_000}, "given with dense"),
     ]:
         with pytest.raises(evis.ConfigError, match=message):
             simulator(device, **wrong)  # type: ignore[arg-type]

@@ -37,6 +37,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
     from numpy.typing import ArrayLike
 
+_USUAL_WINDOW_US = 10_000
+
 # One for all, or one per environment.
 EnvironmentSensors: TypeAlias = Sensor | str | Sequence[Sensor | str]
 LabelName: TypeAlias = Literal[
@@ -188,9 +190,9 @@ class Simulator:
         `evis.representations.Dense` of one of them. With ``native`` and ``splat`` on a graphics device it is
         made there, and no event leaves it; it is the array of the same events everywhere. Not with the label
         ``cause``.
-    dense_window_us : int
-        Length of these windows, 1000 to 60 000 000 microseconds; they begin at its multiples, in stream time,
-        and each is part of the packet in which it ends.
+    dense_window_us : int, optional
+        Length of these windows, 1000 to 60 000 000 microseconds, 10 000 where not given; they begin at its
+        multiples, in stream time, and each is part of the packet in which it ends. Only with ``dense``.
     device : Device, str or int, optional
         A device, its index, or a part of its name; the fastest kind where not given. Where the machine has
         none, presets take decoupled sampling.
@@ -247,12 +249,21 @@ class Simulator:
         lights: Sequence[str] = (),
         pose_step_us: int | None = None,
         dense: str | Dense | None = None,
-        dense_window_us: int = 10_000,
+        dense_window_us: int | None = None,
         device: Device | str | int | None = None,
     ) -> None:
         raw_of(scene)
         self._dense = None if dense is None else dense_of(dense)
-        self._dense_window_us = _check.time_us("dense_window_us", dense_window_us)
+        if dense is None and dense_window_us is not None:
+            raise ConfigError(
+                f"dense_window_us is {_check.shown(dense_window_us)}; it must be left out, or given with "
+                "dense: the array that is made of each window"
+            )
+        self._dense_window_us = (
+            _USUAL_WINDOW_US
+            if dense_window_us is None
+            else _check.time_us("dense_window_us", dense_window_us)
+        )
         self._driven = [str(name) for name in _check.items("poses", poses, "['a node', 'a camera']")]
         self._changed = [
             str(name) for name in _check.items("materials", materials, "['a material', 'a node']")
