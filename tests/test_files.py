@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import h5py
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 
 import evis
+from evis import blender, dataset, evaluate, measure
 
 
 def some_events(count: int = 5000, *, seed: int = 0, width: int = 64, height: int = 48) -> evis.EventArray:
@@ -119,6 +121,44 @@ def test_unusable_files_are_refused(tmp_path: Path):
     (tmp_path / "cut.h5").write_bytes(whole[: len(whole) // 2])
     with pytest.raises(evis.FormatError):
         evis.load(tmp_path / "cut.h5")
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
+def test_pipes_and_endless_files_are_refused_by_every_reader_in_python(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "set").mkdir()
+    os.mkfifo(tmp_path / "set" / "manifest.json")
+    readers: list[Callable[[Path], object]] = [
+        evis.load,
+        evis.Sensor.from_toml,
+        measure.Chart.load,
+        evaluate.Network,
+        blender.read,
+        dataset.read_spec,
+        lambda _: dataset.load(tmp_path / "set"),
+    ]
+    for path in (tmp_path / "pipe", Path("/dev/zero")):
+        for read in readers:
+            with pytest.raises(OSError, match="only regular files are read"):
+                read(path)
+
+
+def test_text_that_is_none_and_files_beyond_the_limit_are_refused(tmp_path: Path):
+    path = tmp_path / "a"
+    path.write_bytes(b"\xff\xfe = 1")
+    for read in (evis.Sensor.from_toml, measure.Chart.load, dataset.read_spec):
+        with pytest.raises(evis.FormatError, match="no UTF-8 text"):
+            read(path)
+    before = evis.limits().memory
+    with path.open("wb") as file:
+        file.truncate(2**20 + 1)
+    try:
+        evis.set_limits(memory=2**20)
+        for read in (evis.Sensor.from_toml, measure.Chart.load, dataset.read_spec, evaluate.Network):
+            with pytest.raises(evis.FormatError, match=r"1048577 bytes.*set_limits"):
+                read(path)
+    finally:
+        evis.set_limits(memory=before)
 
 
 def mutants(whole: bytes, count: int, seed: int) -> Iterator[bytes]:

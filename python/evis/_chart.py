@@ -9,7 +9,7 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal
 
-from . import _check, _evis
+from . import _check, _evis, _limits
 from ._evis import ConfigError
 from ._method import Warp
 from ._scene import Scene, raw_of
@@ -245,7 +245,7 @@ class Chart:
         OSError
             If it cannot be read.
         """
-        return cls(Path(path).read_text(encoding="utf-8"))
+        return cls(_limits.text_of(path))
 
     @classmethod
     def of(cls, charts: Iterable[Chart]) -> Chart:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from . import _check, _toml, recipes
+from . import _check, _limits, _toml, recipes
 from ._evis import ConfigError, EvisError, FormatError, builtin_scenes
 from ._sensor import Sensor
 
@@ -573,7 +573,7 @@ def _shares(top: _Table) -> dict[str, float]:
 def _file_hash(path: Path) -> str:
     if path.is_dir():
         return digest([[each.name, each.stat().st_size] for each in recipes.pictures(path)])
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    return hashlib.sha256(_limits.readable(path).read_bytes()).hexdigest()
 
 
 def _unique(tables: Sequence[_Table], names: Sequence[str], what: str) -> None:

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import _check
+from . import _check, _limits
 from ._evis import ConfigError, FormatError
 
 Float = npt.NDArray[np.float32]
@@ -46,7 +46,7 @@ class Network:
                 "networks are not usable without onnxruntime; pip install 'evis[evaluate]'"
             ) from error
         self.path = Path(path)
-        content = self.path.read_bytes()
+        content = _limits.readable(self.path).read_bytes()
         self.sha256 = hashlib.sha256(content).hexdigest()
         options = onnxruntime.SessionOptions()
         options.log_severity_level = 3

@@ -11,7 +11,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-from . import _check, _evis
+from . import _check, _evis, _limits
 from ._evis import ConfigError
 from ._short import ShortRepr
 
@@ -324,11 +324,13 @@ class Sensor(ShortRepr):
         ------
         ConfigError
             If the text is no TOML, a key is unknown, or a value cannot be used.
+        FormatError
+            If the file is no text.
         OSError
             If the file cannot be read.
         """
         is_text = isinstance(source, str) and ("=" in source or "\n" in source or not source.strip())
-        text = str(source) if is_text else Path(source).read_text("utf-8")
+        text = str(source) if is_text else _limits.text_of(source)
         return cls._of_json(_evis.sensor_from_toml(text))
 
     def to_toml(self) -> str:

@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from . import _check
+from . import _check, _limits
 from ._emulator import EventEmulator
 from ._events import EventArray
 from ._evis import ConfigError, FormatError
@@ -234,7 +234,7 @@ def _channels(path: Path) -> dict[str, npt.NDArray[Any]]:
         import OpenEXR
     except ImportError as error:
         raise ImportError("EXR files need OpenEXR; install it: pip install 'evis[blender]'") from error
-    with path.open("rb"):
+    with _limits.readable(path).open("rb"):
         # Raises what is wrong with the path; OpenEXR says less.
         pass
     try:

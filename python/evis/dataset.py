@@ -16,7 +16,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, overload
 
-from . import _check, _dataset_shard, _dataset_workers, _evis
+from . import _check, _dataset_shard, _dataset_workers, _evis, _limits
 from ._dataset_spec import SPLITS, RecordingPlan, ShardPlan, Spec, parse
 from ._evis import ConfigError, EvisError, FormatError
 from ._files import Recording
@@ -83,7 +83,7 @@ def read_spec(source: str | PathLike[str]) -> Spec:
     if not path.exists() and (text := shipped().get(str(source))) is not None:
         return parse(text, Path.cwd(), f"the shipped specification {source}")
     try:
-        return parse(path.read_text("utf-8"), path.absolute().parent, str(path))
+        return parse(_limits.readable(path).read_text("utf-8"), path.absolute().parent, str(path))
     except UnicodeDecodeError as error:
         raise FormatError(f"{path} is no UTF-8 text ({error}); give a TOML file") from None
     except FileNotFoundError:
@@ -218,7 +218,7 @@ def _finished(shards: Sequence[ShardPlan], place: Path, overwrite: bool) -> dict
 def _described(path: Path) -> dict[str, Any] | None:
     """Return the description of a shard, None where there is none or it is damaged: then it is made again."""
     try:
-        described = json.loads(path.read_text("utf-8"))
+        described = json.loads(_limits.readable(path).read_text("utf-8"))
     except (FileNotFoundError, ValueError):
         return None
     whole = isinstance(described, dict) and {"key", "file", "bytes", "recordings"} <= described.keys()
@@ -506,7 +506,7 @@ def load(folder: str | PathLike[str], split: str | None = None) -> Dataset:
     if not path.exists():
         raise FileNotFoundError(f"{path} does not exist; evis dataset writes it once all shards are finished")
     try:
-        manifest = json.loads(path.read_text("utf-8"))
+        manifest = json.loads(_limits.readable(path).read_text("utf-8"))
         layout, shards = manifest["layout"], manifest["shards"]
         places = {
             name: [

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from . import _check
+from . import _check, _limits
 from ._builder import SceneBuilder
 from ._evis import ConfigError
 from ._scene import EventCamera, Scene
@@ -279,7 +279,7 @@ def random_texture(random: np.random.RandomState, size: int = 128) -> npt.NDArra
 
 def _size_of(path: Path) -> tuple[int, int, bool]:
     """Read width, height, and whether there is alpha, of a PNG or JPEG file; 1, 1 where unknown."""
-    with path.open("rb") as file:
+    with _limits.readable(path).open("rb") as file:
         head = file.read(33)
         if head[:8] == b"\x89PNG\r\n\x1a\n" and len(head) > 25:
             wide, high = struct.unpack(">II", head[16:24])
