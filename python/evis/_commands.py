@@ -43,7 +43,7 @@ class _Parser(argparse.ArgumentParser):
         self._positionals.title, self._optionals.title = "Input", "Options"
 
     def format_help(self) -> str:
-        """Return the help as the other commands have it: dense, and without what asks for it."""
+        """Return the help as the other commands have it: dense, and without the line on ``--help``."""
         named = [(action.metavar, action.nargs) for action in self._positionals._group_actions]
         places = [f"[{metavar}]" if nargs == "?" else str(metavar) for metavar, nargs in named]
         usage, self.usage = self.usage, " ".join(["%(prog)s", "[OPTIONS]", *places])
@@ -123,39 +123,25 @@ def _parser() -> argparse.ArgumentParser:
             help="a recording with labels, as evis run writes them; or a built-in scene or scene file, "
             "which is simulated",
         )
-        task.headed("Scene").add_argument(
-            "--size", type=_size, metavar="WxH", help="of a scene: pixels (320x240)"
-        )
-        task.headed("Scene").add_argument(
-            "--duration", type=float, metavar="S", help="of a scene: seconds (1)"
-        )
-        task.headed("Scene").add_argument(
-            "--quality", choices=_QUALITIES, help="of a scene: the preset (draft)"
-        )
-        task.headed("Scene").add_argument(
+        scene, output = task.headed("Scene"), task.headed("Output")
+        windows, networks = task.headed("Windows and cameras"), task.headed("Networks")
+        scene.add_argument("--size", type=_size, metavar="WxH", help="of a scene: pixels (320x240)")
+        scene.add_argument("--duration", type=float, metavar="S", help="of a scene: seconds (1)")
+        scene.add_argument("--quality", choices=_QUALITIES, help="of a scene: the preset (draft)")
+        scene.add_argument(
             "--ladder",
             action="store_true",
             help="of a scene: once for each of: " + ", ".join(evaluate.LADDER),
         )
-        task.headed("Output").add_argument("--figure", metavar="OUT.png", help="with --ladder: draw it")
-        task.headed("Output").add_argument(
-            "--no-controls", action="store_true", help="leave the controls out"
-        )
-        task.headed("Output").add_argument(
-            "--json", action="store_true", help="print JSON in place of a table"
-        )
+        output.add_argument("--figure", metavar="OUT.png", help="with --ladder: draw it")
+        output.add_argument("--no-controls", action="store_true", help="leave the controls out")
+        output.add_argument("--json", action="store_true", help="print JSON in place of a table")
+        windows.add_argument("--skip", type=int, metavar="N", help="windows at the start that do not count")
+        networks.add_argument("--no-normalize", action="store_true", help="do not normalize voxel grids")
+        networks.add_argument("--network", metavar="N.onnx", required=task is not flow, help="the network")
+    for task, usual in ((reconstruct, "20,40"), (flow, "20,40,100")):
         task.headed("Windows and cameras").add_argument(
-            "--skip", type=int, metavar="N", help="windows at the start that do not count"
-        )
-        task.headed("Networks").add_argument(
-            "--no-normalize", action="store_true", help="do not normalize voxel grids"
-        )
-        task.headed("Networks").add_argument(
-            "--network", metavar="N.onnx", required=task is not flow, help="the network"
-        )
-    for task, windows in ((reconstruct, "20,40"), (flow, "20,40,100")):
-        task.headed("Windows and cameras").add_argument(
-            "--windows-ms", type=_times, metavar="MS,MS", help=f"windows in milliseconds ({windows})"
+            "--windows-ms", type=_times, metavar="MS,MS", help=f"windows in milliseconds ({usual})"
         )
         task.headed("Windows and cameras").add_argument(
             "--camera", metavar="NAME", help="the camera (the first)"
@@ -170,21 +156,12 @@ def _parser() -> argparse.ArgumentParser:
     reconstruct.headed("Networks").add_argument(
         "--lpips", metavar="L.onnx", help="a network for LPIPS: two pictures to a number"
     )
-    match.headed("Networks").add_argument(
-        "--reconstructor", metavar="R.onnx", help="a network that makes pictures of events"
-    )
-    match.headed("Windows and cameras").add_argument(
-        "--window-ms", type=_milliseconds, metavar="MS", help="events per picture (20)"
-    )
-    match.headed("Windows and cameras").add_argument(
-        "--apart-ms", type=_milliseconds, metavar="MS", help="time between two views (200)"
-    )
-    match.headed("Windows and cameras").add_argument(
-        "--pairs", type=int, metavar="N", help="pairs of views, at most (10)"
-    )
-    match.headed("Windows and cameras").add_argument(
-        "--cameras", metavar="A,B", help="one camera, or two (the first two)"
-    )
+    networks, windows = match.headed("Networks"), match.headed("Windows and cameras")
+    networks.add_argument("--reconstructor", metavar="R.onnx", help="a network that makes pictures of events")
+    windows.add_argument("--window-ms", type=_milliseconds, metavar="MS", help="events per picture (20)")
+    windows.add_argument("--apart-ms", type=_milliseconds, metavar="MS", help="time between two views (200)")
+    windows.add_argument("--pairs", type=int, metavar="N", help="pairs of views, at most (10)")
+    windows.add_argument("--cameras", metavar="A,B", help="one camera, or two (the first two)")
     return parser
 
 

@@ -633,8 +633,8 @@ class Packet(_OneView):
             If the simulator was not asked for dense arrays, no such window ends in the packet, there is no
             such camera, or cameras differ in size.
         """
-        arrays = []
-        for view in (views := self._chosen(camera)):
+        views, arrays = self._chosen(camera), []
+        for view in views:
             if view.dense is None:
                 raise ConfigError(
                     "the packet has events, and no dense arrays; dense='counts' of the simulator makes them"

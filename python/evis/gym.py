@@ -348,9 +348,7 @@ class EventEnv(gymnasium.Env[Any, Any]):
         return seen, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def _info(self, window: EventWindow | None, held: bool) -> dict[str, Any]:
-        if window is None or self._batch.simulator.dense is not None:
-            return {"held": held}
-        return {"events": window, "held": held}
+        return {"held": held} if self._batch.simulator.dense is not None else {"events": window, "held": held}
 
 
 class EventVectorEnv(VectorEnv[Any, Any, Any]):

@@ -53,24 +53,19 @@ pub(crate) fn describe(error: &anyhow::Error) -> String {
 
 /// The refused setting, where `cause` is one.
 fn config_error<'e>(cause: &'e (dyn std::error::Error + 'static)) -> Option<&'e ConfigError> {
-    cause
-        .downcast_ref()
-        .or_else(|| match cause.downcast_ref()? {
-            EngineError::Config(error) => Some(error),
-            _ => None,
-        })
-        .or_else(|| match cause.downcast_ref()? {
-            ChartError::Config(error) => Some(error),
-            _ => None,
-        })
-        .or_else(|| match cause.downcast_ref()? {
-            TruthError::Config(error) => Some(error),
-            _ => None,
-        })
-        .or_else(|| match cause.downcast_ref()? {
-            VideoError::Config(error) => Some(error),
-            _ => None,
-        })
+    if let Some(EngineError::Config(error)) = cause.downcast_ref() {
+        return Some(error);
+    }
+    if let Some(ChartError::Config(error)) = cause.downcast_ref() {
+        return Some(error);
+    }
+    if let Some(TruthError::Config(error)) = cause.downcast_ref() {
+        return Some(error);
+    }
+    if let Some(VideoError::Config(error)) = cause.downcast_ref() {
+        return Some(error);
+    }
+    cause.downcast_ref()
 }
 
 /// 2 where the user can put it right (input, paths, space, devices), 1 otherwise.

@@ -50,7 +50,7 @@ pub struct Scene {
     pub duration_s: Option<f64>,
     /// Which of a glTF file's animations plays, as [`crate::gltf::Options::animation`] asks for it; `None` where none does.
     pub animation: Option<String>,
-    /// Animations of the glTF file, as [`crate::gltf::Options::animation`] asks for them; none of a composed scene.
+    /// Animations of the glTF file, by the names that [`crate::gltf::Options::animation`] takes; none of a composed scene.
     pub animations: Vec<String>,
     /// How fast the scene's clock runs; `None` for 1. [`Scene::at_speed`] sets it.
     pub speed: Option<f64>,

@@ -158,7 +158,7 @@ fn short_overview(command: &Command) -> StyledStr {
     StyledStr::from(dense(&help) + &more)
 }
 
-/// `help` without its empty lines, which would double its height: headings stand out by themselves. What asks for help
+/// `help` without its empty lines, which would double its height: headings stand out by themselves. The line on `--help`
 /// is left out as well, since who reads this has it.
 fn dense(help: &StyledStr) -> String {
     let (styled, plain) = (help.ansi().to_string(), help.to_string());

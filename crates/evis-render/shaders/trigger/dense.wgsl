@@ -1,5 +1,6 @@
-// Adds events to the dense arrays of two windows of time, one after the other, where the host takes arrays in the place of events. A pixel's events
-// come in time order, and one invocation writes its values: no atomic, and sums are the same in every run.
+// Adds events to the dense arrays of two windows of time, one after the other, where the host takes arrays in the place of
+// events. A pixel's events come in time order, and one invocation writes its values: no atomic, and sums are the same in
+// every run.
 
 // What is made: 0 events per polarity; 1 a voxel grid; 2 a voxel grid per polarity; 3 when a pixel fired last, per polarity.
 override KIND: u32 = 0u;

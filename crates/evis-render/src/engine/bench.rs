@@ -26,7 +26,7 @@ pub enum Stage {
     Count,
     /// And where each pixel's events go.
     Prefix,
-    /// And events; and dense arrays of them, where the configuration asks for any.
+    /// And events; and dense arrays of them, where the configuration has any.
     Emit,
     /// And their copy into mapped memory.
     Readback,

@@ -94,8 +94,7 @@ impl Engine {
         let caused = config.labels.contains(&LabelKind::Cause);
         let dense = config.dense.filter(|_| config.method != Method::Decoupled).and_then(|output| {
             let grid = (&context.grid, block);
-            let own = DenseArrays::new(gpu, output, grid, &passes, &targets, &groups)?;
-            Some((output, own))
+            DenseArrays::new(gpu, output, grid, &passes, &targets, &groups)
         });
         Ok(Self {
             caused,

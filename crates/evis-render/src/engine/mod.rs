@@ -20,7 +20,6 @@ use std::time::Instant;
 use evis_core::event::take_causes;
 use evis_core::{Event, LabelFrame, PoseSample, TimeGrid};
 
-use crate::config::dense::DenseOutput;
 use crate::error::EngineError;
 use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
@@ -99,7 +98,7 @@ pub struct Engine {
     frame_renderer: Option<FrameRenderer>,
     host_walk: HostWalk,
     /// Where packets carry arrays in the place of events, and the device makes them for a group at least.
-    dense: Option<(DenseOutput, DenseArrays)>,
+    dense: Option<DenseArrays>,
     label_grid: TimeGrid,
     /// Instants that no submission parts.
     block: u32,
@@ -146,7 +145,7 @@ impl Engine {
     /// What `bench` measures stage by stage.
     pub(crate) fn parts(&mut self) -> Parts<'_> {
         let Self { context, passes, sampling, targets, groups, dense, .. } = self;
-        Parts { context, passes, sampling, targets, groups, dense: dense.as_mut().map(|(_, own)| own) }
+        Parts { context, passes, sampling, targets, groups, dense: dense.as_mut() }
     }
 
     /// Starts with buffers of `capacity` events, never more than `most`: tests make them overflow.
@@ -292,7 +291,7 @@ impl Engine {
                 environment: view.environment,
                 camera: view.camera,
                 events,
-                dense: self.dense.as_ref().filter(|(_, own)| own.makes_view(index)).map(|_| made),
+                dense: self.dense.as_ref().filter(|own| own.makes_view(index)).map(|_| made),
                 causes,
                 labels: arrived.labels.drain(..labels).collect(),
                 poses: std::mem::take(&mut arrived.poses),
@@ -323,7 +322,7 @@ impl Engine {
     fn is_complete(&self, until_us: i64) -> bool {
         let labels_wanted =
             if self.label_renderer.is_some() { self.label_grid.first_at_or_after(until_us) } else { 0 };
-        let is_read = |group: usize| self.dense.as_ref().is_none_or(|(_, own)| own.is_read(group, until_us));
+        let is_read = |group: usize| self.dense.as_ref().is_none_or(|own| own.is_read(group, until_us));
         let is_there = |(group, complete_us): (usize, &i64)| *complete_us >= until_us && is_read(group);
         let fired = !self.fires || self.complete_us.iter().enumerate().all(is_there);
         fired && self.labels_complete >= labels_wanted
@@ -348,7 +347,7 @@ impl Engine {
         } else if let Some((group, next, last)) = due {
             let planned = f64::from(self.targets[self.groups[group].targets].plan.instants);
             let most = (SUBMISSION_MS / self.instant_ms.max(1e-3)).clamp(1.0, planned) as i64;
-            let most = self.dense.as_ref().map_or(most, |(_, own)| most.min(own.most_instants(&grid)));
+            let most = self.dense.as_ref().map_or(most, |own| most.min(own.most_instants(&grid)));
             let block = i64::from(self.block);
             // The first instant of a chain has a pass of its own, and so has the one before the first block.
             let alone = next == 0 && (block > 1 || self.groups[group].chain.is_some());
@@ -399,12 +398,10 @@ impl Engine {
         }
         // Half as much again as the last one had: a second copy is needed only where events surge.
         let last = self.last_counts[group.targets];
-        let mut dense = self.dense.as_mut().map(|(_, own)| own).filter(|own| own.makes(unit.group));
-        let predicted = match dense {
-            // Events stay on the device.
-            Some(_) => 0,
-            None => (last / 2 * 3).saturating_add(4096).min(slot.capacity),
-        };
+        let predicted = (last / 2 * 3).saturating_add(4096).min(slot.capacity);
+        // Events that the device makes arrays of stay there.
+        let stay = self.dense.as_ref().is_some_and(|own| own.makes(unit.group));
+        let predicted = if stay { 0 } else { predicted };
         let mut encoder = Commands::new(&self.context.gpu, "events");
         let Readbacks { audit, clipped } = submission::encode(
             &mut self.context,
@@ -415,7 +412,7 @@ impl Engine {
             group,
             &unit,
             &slot,
-            dense.take(),
+            self.dense.as_mut(),
             predicted,
         );
         let submission = encoder.submit(&self.context.gpu);
@@ -629,7 +626,7 @@ impl Engine {
             return self.recover(unit, status.event_count).map(|()| false);
         }
         // Events that the device made arrays of stay there.
-        let made = self.dense.as_ref().is_some_and(|(_, own)| own.makes(unit.group));
+        let made = self.dense.as_ref().is_some_and(|own| own.makes(unit.group));
         let count = status.event_count;
         if !made {
             if count > predicted {
@@ -692,7 +689,7 @@ impl Engine {
 
     /// Lets the arrays of windows whose events are all there come to the host.
     fn submit_dense(&mut self, group: usize) {
-        let Some((_, own)) = &mut self.dense else { return };
+        let Some(own) = &mut self.dense else { return };
         let submitted = Instant::now();
         let gpu = &self.context.gpu;
         let mut encoder = Commands::new(gpu, "dense arrays");
@@ -715,13 +712,14 @@ impl Engine {
 
     /// Takes the arrays of a window.
     fn take_dense(&mut self, readback: DenseReadback) -> Result<(), EngineError> {
-        let Some((output, own)) = &mut self.dense else { return Ok(()) };
+        let Some(own) = &mut self.dense else { return Ok(()) };
         let packing = Instant::now();
-        let (group, window) = (&self.groups[readback.group], readback.window);
-        for (view, words) in group.views.iter().zip(own.take(readback)?) {
-            let size = self.context.views[*view].size();
-            self.arrived[*view].dense.push(dense::of_words(output, window, &words, size));
-        }
+        let (views, output) = (&self.groups[readback.group].views, *own.output());
+        own.take(readback, |place, window, words| {
+            let view = views[place];
+            let made = dense::of_words(&output, window, words, self.context.views[view].size());
+            self.arrived[view].dense.push(made);
+        })?;
         self.report.times.pack_ms += milliseconds(packing);
         Ok(())
     }

@@ -115,7 +115,7 @@ impl Engine {
             self.arrived[*view].events.clear();
             self.host_walk.reset(*view, &self.context.views[*view])?;
         }
-        if let Some((_, own)) = &self.dense {
+        if let Some(own) = &self.dense {
             let mut encoder = Commands::new(&self.context.gpu, "reset of dense arrays");
             let begun = beginning.iter().enumerate().filter(|(_, begins)| **begins);
             begun.for_each(|(place, _)| own.clear(&mut encoder, group, place));

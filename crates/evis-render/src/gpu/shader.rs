@@ -75,6 +75,7 @@ shaders![
     "chain/leak.wgsl",
     "chain/walk.wgsl",
     "chain/begin.wgsl",
+    "chain/places.wgsl",
     "chain/emit.wgsl",
     "chain/dense.wgsl",
 ];

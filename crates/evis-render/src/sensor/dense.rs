@@ -97,6 +97,11 @@ impl DenseArrays {
         views.contains(&true).then(|| Self { output, groups: arrays, views })
     }
 
+    /// What is made.
+    pub const fn output(&self) -> &DenseOutput {
+        &self.output
+    }
+
     /// Whether the events of view `view` become arrays here.
     pub fn makes_view(&self, view: usize) -> bool {
         self.views[view]
@@ -212,24 +217,31 @@ impl DenseArrays {
         read
     }
 
-    /// The words of a mapped array, view by view.
+    /// Gives each view's place in its group, the window, and the words of its array.
     ///
     /// # Errors
     /// Memory that cannot be read.
-    pub fn take(&mut self, readback: DenseReadback) -> Result<Vec<Vec<u32>>, EngineError> {
-        let Some(own) = &mut self.groups[readback.group] else { return Ok(Vec::new()) };
-        let views = {
+    pub fn take(
+        &mut self,
+        readback: DenseReadback,
+        mut use_view: impl FnMut(usize, i64, &[u32]),
+    ) -> Result<(), EngineError> {
+        let Some(own) = &mut self.groups[readback.group] else { return Ok(()) };
+        {
             let bytes = readback
                 .staging
                 .get_mapped_range(..)
                 .map_err(|e| EngineError::Device(format!("cannot read dense arrays back: {e}")))?;
-            let words = |view: &[u8]| view.chunks_exact(4).map(bytemuck::pod_read_unaligned).collect();
-            bytes.chunks_exact(own.view_bytes as usize).map(words).collect()
-        };
+            for (place, view) in bytes.chunks_exact(own.view_bytes as usize).enumerate() {
+                let words = bytemuck::try_cast_slice(view)
+                    .map_err(|e| EngineError::Device(format!("dense arrays came back misaligned: {e}")))?;
+                use_view(place, readback.window, words);
+            }
+        }
         readback.staging.unmap();
         own.read_us = self.output.interval(readback.window).1;
         own.staging.push(readback.staging);
-        Ok(views)
+        Ok(())
     }
 
     /// Whether all windows of `group` that end by `until_us` were read back.

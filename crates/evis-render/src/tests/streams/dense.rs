@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use evis_core::sensor::{Noise, SensorConfig};
-use evis_core::{Event, LabelKind, Warp};
+use evis_core::{Event, LabelKind, TriggerRule, Warp};
 use evis_representation::{
     Decay, Polarities, Slice, counts, event_frame, normalize_nonzero, time_surfaces, voxel_grid,
 };
@@ -131,7 +131,7 @@ fn assert_of(name: &str, kind: &DenseKind, windows: &[Vec<DenseWindow>], events:
     }
 }
 
-fn sensors() -> [(&'static str, SensorConfig); 4] {
+fn sensors() -> [(&'static str, SensorConfig); 5] {
     let mut noisy = SensorConfig::preset("v2e").unwrap();
     noisy.noise = Noise { shot_hz: 40.0, leak_hz: 5.0, ..noisy.noise };
     let mut late = SensorConfig::preset("gen4-like").unwrap();
@@ -142,6 +142,7 @@ fn sensors() -> [(&'static str, SensorConfig); 4] {
         // What leaves the sensor late, and a sensor that the host walks: arrays are made on the host.
         ("gen4-like", late),
         ("davis346", SensorConfig::preset("davis346").unwrap()),
+        ("latch", SensorConfig { trigger: TriggerRule::Latch, ..SensorConfig::default() }),
     ]
 }
 
@@ -155,10 +156,15 @@ fn arrays_are_those_of_the_events() {
         ("native", base.clone()),
         ("adaptive", RunConfig { adaptive_px: Some(0.4), rate_hz: 2000.0, ..base.clone() }),
         ("splat", RunConfig { method: splat, ..base.clone() }),
-        ("decoupled", RunConfig { method: Method::Decoupled, ..base }),
+        ("decoupled", RunConfig { method: Method::Decoupled, ..base.clone() }),
+        // What latches fires at instants, every second of which is the first microsecond of a window.
+        ("borders", RunConfig { rate_hz: 500.0, ..base }),
     ];
     for (method, config) in methods {
         for (sensor, settings) in sensors() {
+            if (method == "borders") != (sensor == "latch") {
+                continue;
+            }
             let name = format!("{method}, {sensor}");
             let config = RunConfig { sensor: settings, ..config.clone() };
             let fired = events(&gpu, &scene, &config, (UNTIL_US, UNTIL_US));
