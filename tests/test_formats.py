@@ -1,5 +1,6 @@
 """Files of other programs in Python: open, load, save, Writer, EventsIterator, DSEC, HDF5."""
 
+import json
 import os
 import struct
 import zlib
@@ -75,6 +76,18 @@ def test_formats_come_by_ending_and_errors_say_what_works(tmp_path):
         next(packets)
     assert 0 < len(good) < 100
     assert np.array_equal(good, events.to_numpy()[: len(good)])
+
+
+def test_files_are_closed_by_with(tmp_path):
+    events = some_events(100)
+    evis.save(tmp_path / "a.raw", events)
+    with evis.open(tmp_path / "a.raw") as file:
+        assert file.events() == events
+    assert repr(file).endswith("1280x720, closed)")
+    for use in (file.events, lambda: file.seek(0), lambda: next(iter(file))):
+        with pytest.raises(evis.ConfigError, match=r"a\.raw is closed; open it again"):
+            use()
+    file.close()
 
 
 def test_packets_of_files_are_event_arrays_of_some_size_in_order(tmp_path):
@@ -418,8 +431,20 @@ def test_a_recording_becomes_a_bag_with_all_that_it_has(tmp_path, capfd):
     for name, topic in topics.items():
         assert len(recording[name].events) > 100
         assert evis.load(bag, camera=topic).events == recording[name].events
-    # A part of it holds the events alone.
-    assert run("convert", tmp_path / "a.h5", tmp_path / "b.mcap", "--camera", "camera", "--end", "0.05") == 0
+    # A part of it holds the events alone, and says so.
+    capfd.readouterr()
+    part = ("convert", tmp_path / "a.h5", tmp_path / "b.mcap", "--camera", "camera", "--end", "0.05")
+    assert run(*part) == 0
+    told = capfd.readouterr().out.splitlines()[1]
+    assert told == (
+        "left out: the lens, 5 images of depth, 5 images of flow_forward, 5 images of flow_forward_valid, "
+        "5 images of flow_backward, 5 images of flow_backward_valid, 5 images of instance, "
+        "5 images of normal, 5 images of hdr, 5 poses, 20 inertial samples, 4 bodies, the settings"
+    )
+    assert run(*part, "--force", "--json") == 0
+    assert json.loads(capfd.readouterr().out)["left_out"] == told.removeprefix("left out: ").split(", ")
+    assert run(*part, "--force", "--events-only") == 0
+    assert "left out" not in capfd.readouterr().out
     assert evis.load(tmp_path / "b.mcap").events == recording["camera"].slice_time(0, 50_000)
     assert run("convert", tmp_path / "a.h5", bag) == 2
     # And back.

@@ -91,7 +91,7 @@ class EventFile:
     Iterating yields `FilePacket`. Of a damaged file everything before the damage comes first, then
     `FormatError`, whose message names the byte. Where neither the file nor the caller says the sensor's size,
     it is that of the smallest sensor that holds all events: the first packet then takes a reading of the
-    whole file.
+    whole file. The file is open until `close`, the end of a ``with`` block, or until nothing refers to it.
 
     Attributes
     ----------
@@ -115,7 +115,9 @@ class EventFile:
         self, path: str | PathLike[str], *, camera: str | None = None, size: tuple[int, int] | None = None
     ) -> None:
         self.path = Path(path)
-        self._reader = _evis.EventFileReader(self.path, camera=camera, size=size)
+        self._open_reader: _evis.EventFileReader | None = _evis.EventFileReader(
+            self.path, camera=camera, size=size
+        )
         self._reach: tuple[int, int] | None = None
         self.format: str = self._reader.format
         self.size = self._reader.size
@@ -123,6 +125,24 @@ class EventFile:
         self.camera = self._reader.camera
         self.t_offset_us = self._reader.t_offset_us
         self.properties: Mapping[str, str] = dict(self._reader.properties)
+
+    @property
+    def _reader(self) -> _evis.EventFileReader:
+        if self._open_reader is None:
+            raise ConfigError(f"{self.path} is closed; open it again with evis.open")
+        return self._open_reader
+
+    def close(self) -> None:
+        """Close the file. Reading it raises `ConfigError` from then on; closing it again does nothing."""
+        self._open_reader = None
+
+    def __enter__(self) -> EventFile:
+        """Return the file, which the end of the ``with`` block closes."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the file."""
+        self.close()
 
     def seek(self, t_us: int) -> None:
         """Move, back or forth, so that every event at ``t_us`` microseconds and later is still to come.
@@ -210,7 +230,8 @@ class EventFile:
     def __repr__(self) -> str:
         """Say what the file is."""
         size = "unknown size" if self.size is None else f"{self.size[0]}x{self.size[1]}"
-        return f"EventFile({str(self.path)!r}, {self.format}, {size})"
+        closed = ", closed" if self._open_reader is None else ""
+        return f"EventFile({str(self.path)!r}, {self.format}, {size}{closed})"
 
 
 def _time_us(what: str, value: int) -> int:
@@ -244,7 +265,7 @@ def open(
     Returns
     -------
     EventFile
-        Iterate over it for packets.
+        Iterate over it for packets; ``with`` closes it.
 
     Raises
     ------
@@ -259,8 +280,9 @@ def open(
     >>> path = pathlib.Path(tempfile.mkdtemp()) / "events.raw"
     >>> events = evis.EventArray(np.array([(3, 4, 1, 20)], evis.EventCD), width=1280, height=720)
     >>> _ = evis.save(path, events)
-    >>> for packet in evis.open(path):
-    ...     print(len(packet.events))
+    >>> with evis.open(path) as file:
+    ...     for packet in file:
+    ...         print(len(packet.events))
     1
     """
     return EventFile(path, camera=camera, size=size)

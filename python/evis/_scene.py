@@ -222,12 +222,13 @@ class Scene:
         Parameters
         ----------
         speed : float
-            Above 0: 0.25 for slow motion, 4 for four times as fast as now. `duration_s` is divided by it.
+            From 1e-6 to 1e6: 0.25 for slow motion, 4 for four times as fast as now. `duration_s` is divided
+            by it.
 
         Raises
         ------
         ConfigError
-            If it is not a number above 0.
+            If it, or what several of them come to, is not a number from 1e-6 to 1e6.
         """
         speed = _check.number("speed", speed)
         return Scene(self._raw.at_speed(speed), (Scene.at_speed, (self, speed)))

@@ -28,6 +28,8 @@ struct Report {
     triggers: u64,
     frames: u64,
     imu: u64,
+    /// What else a recording of EVIS holds, which the output has no place for.
+    left_out: Vec<String>,
     interrupted: bool,
     /// How the input is damaged, where --until-damage ended there.
     damage: Option<String>,
@@ -72,6 +74,8 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
     let read = ReadOptions { camera: args.camera.clone(), size: args.size };
     let mut reader = open(&args.input, &read)?;
     let input_format = reader.info().format;
+    let left_out =
+        if args.events_only { Vec::new() } else { left_out(&args.input, reader.info().camera.as_deref()) };
     // What the file itself does not say takes a reading of its own.
     let needs_extent = reader.info().size.is_none() || (args.rebase && args.start.is_none());
     let extent = match needs_extent {
@@ -137,6 +141,7 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
         triggers: converted.triggers,
         frames: converted.frames,
         imu: converted.imu,
+        left_out,
         interrupted: interrupt.asked(),
         damage: converted.damage,
     };
@@ -150,6 +155,9 @@ pub(crate) fn convert(args: &ConvertArgs) -> anyhow::Result<i32> {
             (report.frames, "frames"),
             (report.imu, "inertial samples"),
         ]);
+        if !report.left_out.is_empty() {
+            line += &format!("\nleft out: {}", report.left_out.join(", "));
+        }
         text::say(&line);
     }
     Ok(if report.interrupted { EXIT_INTERRUPTED } else { 0 })
@@ -174,6 +182,35 @@ pub(crate) fn format_of(path: &Path) -> anyhow::Result<Format> {
             path.display()
         ))
     })
+}
+
+/// What the recording of EVIS `input` holds beside the events of `camera`; nothing of files of other programs.
+fn left_out(input: &Path, camera: Option<&str>) -> Vec<String> {
+    let Ok(recording) = Recording::open(input) else { return Vec::new() };
+    let Ok(index) = recording.find_camera(camera) else { return Vec::new() };
+    let mut images: Vec<(u64, String)> = Vec::new();
+    let kinds = recording.label_kinds(index).unwrap_or_default();
+    for &kind in kinds {
+        let count = recording.label_times(index, kind).map_or(0, |times| times.len());
+        images.push((count as u64, format!("images of {}", kind.name())));
+    }
+    let units = recording.imus().unwrap_or_default();
+    let samples: usize = units.iter().filter_map(|name| recording.imu(name).ok()).map(|all| all.len()).sum();
+    let poses = recording.poses(index).map_or(0, |poses| poses.len());
+    let bodies = recording.body_infos().map_or(0, |bodies| bodies.len());
+    let counted = [
+        (poses as u64, "poses".to_owned()),
+        (samples as u64, "inertial samples".to_owned()),
+        (bodies as u64, "bodies".to_owned()),
+    ];
+    let mut named = vec!["the lens".to_owned()];
+    let there = images.into_iter().chain(counted).filter(|(count, _)| *count > 0);
+    named.extend(there.map(|(count, name)| format!("{} {name}", text::grouped(count))));
+    if recording.causes(index, Some((0, 1))).is_ok_and(|causes| causes.is_some()) {
+        named.push("the causes of events".to_owned());
+    }
+    named.push("the settings".to_owned());
+    named
 }
 
 /// `, 3 triggers, 2 frames`, of what there is.

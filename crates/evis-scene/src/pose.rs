@@ -11,6 +11,9 @@ use crate::motion::Motion;
 use crate::steps::Steps;
 use crate::track::Track;
 
+/// Speeds of a scene, as factors on its own: beyond them its times and rates leave those that are simulated.
+const SPEEDS: std::ops::RangeInclusive<f64> = 1e-6..=1e6;
+
 /// Where everything is, and how bright, at one time.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct SceneState {
@@ -176,14 +179,18 @@ impl Scene {
     /// variants stay seconds of its own clock.
     ///
     /// # Errors
-    /// A speed that is not a number above 0.
+    /// A speed, or one that comes of several, that is not a number from 1e-6 to 1e6.
     pub fn at_speed(mut self, speed: f64) -> Result<Self, SceneError> {
-        if !(speed.is_finite() && speed > 0.0) {
+        let total = self.speed.unwrap_or(1.0) * speed;
+        if !(SPEEDS.contains(&speed) && SPEEDS.contains(&total)) {
+            let at_once = self.speed.map_or_else(String::new, |own| format!(" of a scene at {own}"));
             return Err(SceneError::Rule(format!(
-                "speed is {speed}; it must be a number above 0, such as 0.25"
+                "speed is {speed}{at_once}; it must be from {} to {} times the scene's own, such as 0.25",
+                SPEEDS.start(),
+                SPEEDS.end()
             )));
         }
-        self.speed = (speed != 1.0 || self.speed.is_some()).then(|| self.speed.unwrap_or(1.0) * speed);
+        self.speed = (speed != 1.0 || self.speed.is_some()).then_some(total);
         self.duration_s = self.duration_s.map(|s| s / speed);
         Ok(self)
     }
@@ -219,8 +226,13 @@ mod tests {
         assert_ne!(state(&fast, 0.1), state(&scene, 0.1), "canary");
         assert_eq!(fast.duration_s, scene.duration_s.map(|s| s / 4.0));
         assert!(scene.clone().at_speed(1.0).unwrap().speed.is_none());
-        for bad in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+        for bad in [0.0, -1.0, 1e-7, 1.1e6, 1e30, f64::NAN, f64::INFINITY] {
             assert!(scene.clone().at_speed(bad).unwrap_err().to_string().contains(&bad.to_string()));
         }
+        let told = scene.at_speed(1000.0).unwrap().at_speed(2000.0).unwrap_err().to_string();
+        assert!(
+            told.contains("speed is 2000 of a scene at 1000; it must be from 0.000001 to 1000000"),
+            "{told}"
+        );
     }
 }
