@@ -474,7 +474,10 @@ def test_wrong_rust_paths_are_found() -> None:
 
 
 def test_wrong_symbols_are_found() -> None:
-    assert wrong_symbols("`Simulator`, `Engine::recover`, `log_luma_of`, `make test`, `evis_core`, `x`") == []
+    assert (
+        wrong_symbols("`Simulator`, `Engine::recover`, `log_luminance_of`, `make test`, `evis_core`, `x`")
+        == []
+    )
     assert wrong_symbols("`NoSuchType` and `Engine::no_such`") == ["Engine::no_such", "NoSuchType"]
     assert wrong_twins("Twin: cpu/trigger.rs, no_such.") == ["cpu/trigger.rs, no_such"]
     assert wrong_twins("Twin: `cpu/splat.rs`, place.") == []

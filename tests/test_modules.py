@@ -10,7 +10,7 @@ import pytest
 
 CRATES = Path(__file__).parent.parent / "crates"
 SOURCES = sorted(folder for folder in CRATES.glob("*/src") if folder.is_dir())
-NAME = r"[a-z_0-9]+(?:::[a-z_0-9]+)*"
+NAME = r"\w+(?:::\w+)*"
 
 
 def modules(source: Path) -> dict[str, Path]:
@@ -27,7 +27,10 @@ def modules(source: Path) -> dict[str, Path]:
 
 
 def imports(name: str, file: Path, known: dict[str, Path]) -> set[str]:
-    """Modules of the same crate that a file names, in `use` lines or in paths."""
+    """Modules of the same crate that a file names, in `use` lines or in paths.
+
+    A module that only re-exports what its children have does not import them.
+    """
     text = file.read_text().split("#[cfg(test)]\nmod tests")[0]
     text = re.sub(r"//[^\n]*", "", text)
     paths = set()
@@ -41,6 +44,10 @@ def imports(name: str, file: Path, known: dict[str, Path]) -> set[str]:
     for root, group in re.findall(r"\buse (crate|super|self)::\{([^;]*)\};", text):
         above = {"crate": [], "super": name.split("::")[:-1], "self": name.split("::")}[root]
         paths.update("::".join([*above, path]) for path in re.findall(NAME, group))
+    own = re.sub(r"\bpub(?:\([^)]*\))? use [^;]*;", "", text)
+    for child in re.findall(r"\bmod (\w+);", text):
+        if re.search(rf"(?<![\w:]){child}::", own):
+            paths.add(f"{name}::{child}")
     found = set()
     for path in paths:
         parts = path.split("::")
@@ -109,7 +116,14 @@ def test_no_circle_of_imports_in_python(tmp_path: Path) -> None:
     assert circles(python_graph(tmp_path)) == [["a", "b"]]
 
 
-def test_a_circle_is_found() -> None:
+def test_a_circle_is_found(tmp_path: Path) -> None:
+    # Canary: a parent and its child.
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a.rs").write_text("mod b;\npub use b::One;\nuse b::Two;\npub struct Three;")
+    (tmp_path / "a" / "b.rs").write_text("use super::Three;")
+    assert circles(graph_of(tmp_path)) == [["a", "a::b"]]
+    (tmp_path / "a.rs").write_text("mod b;\npub use b::One;\npub struct Three;")
+    assert circles(graph_of(tmp_path)) == []
     assert circles({"a": {"b"}, "b": {"c"}, "c": {"a"}, "d": {"a"}}) == [["a", "b", "c"]]
     assert circles({"a": {"b"}, "b": set()}) == []
 

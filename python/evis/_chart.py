@@ -12,6 +12,7 @@ from typing import Any, Literal
 from . import _check, _evis, _limits
 from ._evis import ConfigError
 from ._method import Warp
+from ._request import ChartRequest, TruthRequest
 from ._scene import Scene, raw_of
 from ._sensor import Sensor, Trigger, thresholds_of
 from ._simulator import Device, _selector
@@ -429,28 +430,26 @@ def chart(
     DeviceError
         If there is no such device, or it failed.
     """
-    rates, counts, covered, latch, most = _evis.chart_ladder(quick)
-    text = _evis.chart(
-        raw_of(scene),
-        rates_hz=_check.numbers("rates_hz", rates if rates_hz is None else rates_hz),
-        samples=_check.wholes("samples", counts if samples is None else samples),
-        edges=covered if edges is None else edges,
-        latch_rates_hz=_check.numbers("latch_rates_hz", latch if latch_rates_hz is None else latch_rates_hz),
-        # Who names rates or samples means all of them.
-        most_samples_hz=most if rates_hz is None and samples is None else None,
-        published=published,
-        splat=splat,
-        adaptive=adaptive,
-        quick=quick,
-        repetitions=_check.whole("repetitions", repetitions),
-        reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
-        floor=floor,
-        **beside_truth(sensor, camera, size, start, duration, truth_pixels, cache, device),
-    )
-    return Chart(text)
+    asked: ChartRequest = {
+        "quick": quick,
+        "rates_hz": None if rates_hz is None else _check.numbers("rates_hz", rates_hz),
+        "samples": None if samples is None else _check.wholes("samples", samples),
+        "edges": edges,
+        "latch_rates_hz": None
+        if latch_rates_hz is None
+        else _check.numbers("latch_rates_hz", latch_rates_hz),
+        "published": published,
+        "splat": splat,
+        "adaptive": adaptive,
+        "repetitions": _check.whole("repetitions", repetitions),
+        "reference_luminance": _check.number_or_none("reference_luminance", reference_luminance),
+        "floor": floor,
+    }
+    truth = truth_request(sensor, camera, size, start, duration, truth_pixels, cache, device)
+    return Chart(_evis.chart(raw_of(scene), asked, truth))
 
 
-def beside_truth(
+def truth_request(
     sensor: Sensor | None,
     camera: str | None,
     size: tuple[int, int] | None,
@@ -459,13 +458,10 @@ def beside_truth(
     truth_pixels: int | None,
     cache: bool | str | PathLike[str],
     device: Device | str | int | None,
-) -> dict[str, Any]:
+) -> TruthRequest:
     """Return for the engine what settings are measured on beside truth, and where truth is kept."""
-    threshold_on, threshold_off, log_eps = thresholds_of(sensor)
     return {
-        "threshold_on": threshold_on,
-        "threshold_off": threshold_off,
-        "log_eps": log_eps,
+        "sensor": thresholds_of(sensor),
         "camera": None if camera is None else str(camera),
         "size": None if size is None else _check.size(size),
         "start_us": _check.micros("start", start),

@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._poses import Factors, LightValues, NodePoses
-from ._request import Request
+from ._request import ChartRequest, LightRequest, Request, TruthRequest
 from .flow import Upsampler
 
 __all__ = [
@@ -40,7 +40,6 @@ __all__ = [
     "calibrate_still",
     "chart",
     "chart_cache",
-    "chart_ladder",
     "check_chart",
     "check_motion",
     "compare_table",
@@ -159,36 +158,8 @@ def binary_stack(source: _Source, bins: int) -> npt.NDArray[np.uint8]: ...
 def bina_rep(source: _Source, frames: int, bits: int) -> npt.NDArray[np.float32]: ...
 def limits(memory: int | None = None, allow_outside: bool | None = None) -> tuple[int, bool]: ...
 def run_cli(args: list[str]) -> int: ...
-def chart(
-    scene: Scene,
-    *,
-    rates_hz: list[float],
-    samples: list[int],
-    edges: bool,
-    latch_rates_hz: list[float],
-    most_samples_hz: float | None,
-    published: bool,
-    splat: bool,
-    adaptive: bool,
-    quick: bool,
-    repetitions: int,
-    threshold_on: float,
-    threshold_off: float,
-    log_eps: float,
-    camera: str | None,
-    size: tuple[int, int] | None,
-    start_us: int,
-    duration_us: int,
-    truth_pixels: int | None,
-    reference_luminance: float | None,
-    floor: bool,
-    cache: str | PathLike[str] | None,
-    device: str | None,
-) -> str: ...
+def chart(scene: Scene, asked: ChartRequest, truth: TruthRequest) -> str: ...
 def chart_cache() -> Path | None: ...
-def chart_ladder(
-    quick: bool,
-) -> tuple[list[float], list[int], bool, list[float], float | None]: ...
 def check_chart(json: str) -> None: ...
 def draw_chart(json: str, path: str | PathLike[str], tolerance_us: int, render_ms: float) -> None: ...
 def recommend_chart(
@@ -202,20 +173,10 @@ def recommend_chart(
 def verify() -> str: ...
 def verify_scene(
     scene: Scene,
-    *,
     rates_hz: list[float],
     samples: list[int],
     triggers: list[str],
-    threshold_on: float,
-    threshold_off: float,
-    log_eps: float,
-    camera: str | None,
-    size: tuple[int, int] | None,
-    start_us: int,
-    duration_us: int,
-    truth_pixels: int | None,
-    cache: Path | None,
-    device: str | None,
+    truth: TruthRequest,
 ) -> str: ...
 def verify_failures(
     *,
@@ -224,17 +185,7 @@ def verify_failures(
     cache: Path | None,
     device: str | None,
 ) -> str: ...
-def verify_light(
-    scene: Scene,
-    *,
-    at_us: int,
-    samples: int,
-    shadows: str,
-    camera: str | None,
-    size: tuple[int, int] | None,
-    worst: int,
-    device: str | None,
-) -> str: ...
+def verify_light(scene: Scene, asked: LightRequest) -> str: ...
 def verify_table(json: str) -> str: ...
 def draw_verify(json: str, path: str | PathLike[str]) -> None: ...
 def score(

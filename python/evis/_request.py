@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypedDict
 
 from ._dense import DenseRequest
 
@@ -45,3 +47,44 @@ class Request:
     lights: list[str] = field(default_factory=list)
     pose_step_us: int | None = None
     dense: DenseRequest | None = None
+
+
+class TruthRequest(TypedDict):
+    """What settings are measured on beside truth; times in microseconds, thresholds and eps of the sensor."""
+
+    sensor: tuple[float, float, float]
+    camera: str | None
+    size: tuple[int, int] | None
+    start_us: int
+    duration_us: int
+    truth_pixels: int | None
+    cache: Path | None
+    device: str | None
+
+
+class ChartRequest(TypedDict):
+    """What a chart measures; None where nothing was said."""
+
+    quick: bool
+    rates_hz: list[float] | None
+    samples: list[int] | None
+    edges: bool | None
+    latch_rates_hz: list[float] | None
+    published: bool
+    splat: bool
+    adaptive: bool
+    repetitions: int
+    reference_luminance: float | None
+    floor: bool
+
+
+class LightRequest(TypedDict):
+    """What light is compared at."""
+
+    at_us: int
+    samples: int
+    shadows: str
+    camera: str | None
+    size: tuple[int, int] | None
+    worst: int
+    device: str | None

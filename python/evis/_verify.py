@@ -13,7 +13,8 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis
-from ._chart import SceneChart, _scene_chart, beside_truth
+from ._chart import SceneChart, _scene_chart, truth_request
+from ._request import LightRequest
 from ._scene import Scene, raw_of
 from ._sensor import Sensor
 from ._simulator import Device, _selector
@@ -453,10 +454,10 @@ def verify_scene(
     """
     text = _evis.verify_scene(
         raw_of(scene),
-        rates_hz=_check.numbers("rates_hz", rates_hz),
-        samples=_check.wholes("samples", samples),
-        triggers=_check.names("triggers", triggers),
-        **beside_truth(sensor, camera, size, start, duration, truth_pixels, cache, device),
+        _check.numbers("rates_hz", rates_hz),
+        _check.wholes("samples", samples),
+        _check.names("triggers", triggers),
+        truth_request(sensor, camera, size, start, duration, truth_pixels, cache, device),
     )
     return SceneVerification(text)
 
@@ -540,17 +541,16 @@ def verify_light(
     DeviceError
         If there is no such device, or it failed.
     """
-    text = _evis.verify_light(
-        raw_of(scene),
-        at_us=_check.micros("at", at),
-        samples=_check.whole("samples", samples),
-        shadows=str(shadows),
-        camera=None if camera is None else str(camera),
-        size=None if size is None else _check.size(size),
-        worst=_check.whole("worst", worst),
-        device=_selector(device),
-    )
-    return LightVerification(text)
+    asked: LightRequest = {
+        "at_us": _check.micros("at", at),
+        "samples": _check.whole("samples", samples),
+        "shadows": str(shadows),
+        "camera": None if camera is None else str(camera),
+        "size": None if size is None else _check.size(size),
+        "worst": _check.whole("worst", worst),
+        "device": _selector(device),
+    }
+    return LightVerification(_evis.verify_light(raw_of(scene), asked))
 
 
 def _cell(held: dict[str, Any]) -> FailureCell:

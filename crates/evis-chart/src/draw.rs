@@ -11,7 +11,7 @@ use crate::label::Rect;
 use crate::ladder::number;
 use crate::marker::{self, Style};
 use crate::panel::Panel;
-use crate::result::{ChartResult, Lens, Measure, SceneChart, tolerance};
+use crate::result::{ChartResult, Criteria, Measure, SceneChart, tolerance};
 
 const MARGIN: f64 = 22.0;
 const PANEL_WIDTH: f64 = 452.0;
@@ -26,13 +26,6 @@ const LINE: f64 = 19.0;
 
 /// Rows beyond which a figure becomes too large to read.
 const MAX_SCENES: usize = 24;
-
-/// How a chart is drawn.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Look {
-    /// Which F1, and what rendering costs.
-    pub lens: Lens,
-}
 
 /// What a picture's ending asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -66,10 +59,10 @@ impl PictureKind {
 ///
 /// # Errors
 /// See [`svg`]; another ending; a file that cannot be written.
-pub fn save(chart: &ChartResult, look: &Look, path: &Path) -> Result<(), ChartError> {
+pub fn save(chart: &ChartResult, criteria: Criteria, path: &Path) -> Result<(), ChartError> {
     let bytes = match PictureKind::of(path)? {
-        PictureKind::Png => png(chart, look)?,
-        PictureKind::Svg => svg(chart, look)?.into_bytes(),
+        PictureKind::Png => png(chart, criteria)?,
+        PictureKind::Svg => svg(chart, criteria)?.into_bytes(),
     };
     evis_core::limits::write_whole(path, &bytes)
         .map_err(|source| ChartError::Io { path: path.into(), source })
@@ -78,23 +71,23 @@ pub fn save(chart: &ChartResult, look: &Look, path: &Path) -> Result<(), ChartEr
 /// `chart` as SVG.
 ///
 /// # Errors
-/// Nothing to draw, too many scenes for a figure, a look that makes no sense.
-pub fn svg(chart: &ChartResult, look: &Look) -> Result<String, ChartError> {
-    canvas::svg(&Figure::new(chart, look)?)
+/// Nothing to draw, too many scenes for a figure, criteria that make no sense.
+pub fn svg(chart: &ChartResult, criteria: Criteria) -> Result<String, ChartError> {
+    canvas::svg(&Figure::new(chart, criteria)?)
 }
 
 /// `chart` as PNG, two pixels for each of the SVG's.
 ///
 /// # Errors
 /// As [`svg`].
-pub fn png(chart: &ChartResult, look: &Look) -> Result<Vec<u8>, ChartError> {
-    canvas::png(&Figure::new(chart, look)?)
+pub fn png(chart: &ChartResult, criteria: Criteria) -> Result<Vec<u8>, ChartError> {
+    canvas::png(&Figure::new(chart, criteria)?)
 }
 
 /// A picture to draw.
 struct Figure<'a> {
     chart: &'a ChartResult,
-    lens: Lens,
+    criteria: Criteria,
     /// Every family of settings, and its marker.
     families: Vec<(String, Style)>,
     title: String,
@@ -123,8 +116,8 @@ const SAMPLE_WIDTH: f64 = 24.0;
 const ENTRY_GAP: f64 = 20.0;
 
 impl<'a> Figure<'a> {
-    fn new(chart: &'a ChartResult, look: &Look) -> Result<Self, ChartError> {
-        look.lens.check()?;
+    fn new(chart: &'a ChartResult, criteria: Criteria) -> Result<Self, ChartError> {
+        criteria.check()?;
         if chart.scenes.len() > MAX_SCENES {
             return Err(ChartError::Draw(format!(
                 "{} scenes do not fit into one figure; draw at most {MAX_SCENES} at a time",
@@ -143,10 +136,10 @@ impl<'a> Figure<'a> {
         };
         let mut figure = Self {
             chart,
-            lens: look.lens,
+            criteria,
             families,
             title,
-            notes: notes(chart, look.lens),
+            notes: notes(chart, criteria),
             footnotes: footnotes(chart),
             legend: Vec::new(),
         };
@@ -229,11 +222,11 @@ impl Figure<'_> {
         canvas.text(&scene_note(scene), [left, top + 19.0], Align::Left, SUBTITLE)?;
 
         let plot_top = top + ROW_HEAD;
-        let f1 = Measure::F1 { tolerance_us: self.lens.tolerance_us };
+        let f1 = Measure::F1 { tolerance_us: self.criteria.tolerance_us };
         for (column, measure) in [f1, Measure::Voxel].into_iter().enumerate() {
             let plot_left = LEFT + column as f64 * (LEFT + PANEL_WIDTH + MARGIN);
             let plot = Rect::new(plot_left, plot_top, PANEL_WIDTH, PANEL_HEIGHT);
-            Panel::new(&self.families, self.lens, scene, measure, plot).draw(canvas)?;
+            Panel::new(&self.families, self.criteria, scene, measure, plot).draw(canvas)?;
         }
         Ok(())
     }
@@ -257,7 +250,7 @@ fn scene_name(scene: &SceneChart) -> &str {
 }
 
 /// Lines under the title: what holds for all scenes.
-fn notes(chart: &ChartResult, lens: Lens) -> Vec<String> {
+fn notes(chart: &ChartResult, criteria: Criteria) -> Vec<String> {
     let mut notes = Vec::new();
     for scene in &chart.scenes {
         let device = &scene.device;
@@ -272,14 +265,14 @@ fn notes(chart: &ChartResult, lens: Lens) -> Vec<String> {
             notes.push(note);
         }
     }
-    let us = lens.tolerance_us as f64;
+    let us = criteria.tolerance_us as f64;
     let mut measures = format!(
         "An event counts where truth has one of its polarity at its pixel within {}, or within {} px of motion.",
-        tolerance(lens.tolerance_us),
+        tolerance(criteria.tolerance_us),
         number(0.1 * us / 1000.0)
     );
-    if lens.render_ms > 0.0 {
-        measures += &format!(" Each rendered frame is charged {} ms.", number(lens.render_ms));
+    if criteria.render_ms > 0.0 {
+        measures += &format!(" Each rendered frame is charged {} ms.", number(criteria.render_ms));
     }
     notes.push(measures);
     notes

@@ -279,6 +279,51 @@ pub struct Ladder {
     pub splat_triggers: bool,
 }
 
+/// What of a ladder a user chose; `None` and `false` where nothing was said.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LadderRequest {
+    /// [`Ladder::quick`] instead of the default.
+    pub quick: bool,
+    /// Sampled instants per second. Rates or samples that are named are all measured.
+    pub rates_hz: Option<Vec<f64>>,
+    /// Samples per pixel.
+    pub samples: Option<Vec<u32>>,
+    /// Whether one shaded sample with the coverage of four is measured too.
+    pub edges: Option<bool>,
+    /// Rates at which the trigger also latches.
+    pub latch_hz: Option<Vec<f64>>,
+    /// Without the settings that the EVIS paper publishes.
+    pub no_published: bool,
+    /// Without `splat`.
+    pub no_splat: bool,
+    /// Without adaptive time, presets and decoupled sampling.
+    pub no_adaptive: bool,
+}
+
+impl From<LadderRequest> for Ladder {
+    fn from(asked: LadderRequest) -> Self {
+        let mut ladder = if asked.quick { Self::quick() } else { Self::default() };
+        if asked.rates_hz.is_some() || asked.samples.is_some() {
+            ladder.most_samples_hz = None;
+        }
+        ladder.rates_hz = asked.rates_hz.unwrap_or(ladder.rates_hz);
+        ladder.samples = asked.samples.unwrap_or(ladder.samples);
+        ladder.edges = asked.edges.unwrap_or(ladder.edges);
+        ladder.latch_hz = asked.latch_hz.unwrap_or(ladder.latch_hz);
+        ladder.published &= !asked.no_published;
+        if asked.no_splat {
+            ladder.splat.clear();
+            ladder.splat_triggers = false;
+        }
+        if asked.no_adaptive {
+            ladder.adaptive_px.clear();
+            ladder.presets.clear();
+            ladder.decoupled = false;
+        }
+        ladder
+    }
+}
+
 impl Default for Ladder {
     fn default() -> Self {
         Self {

@@ -26,8 +26,8 @@ mod tests;
 
 pub use cache::user_cache;
 pub use chart::{ChartSettings, Progress, Stage, chart};
-pub use draw::{Look, PictureKind};
+pub use draw::PictureKind;
 pub use error::ChartError;
-pub use ladder::{Ladder, Setting};
+pub use ladder::{Ladder, LadderRequest, Setting};
 pub use recommend::{Goal, Recommendation, shell_quoted};
-pub use result::{ChartResult, Lens, Measure, Point, SceneChart};
+pub use result::{ChartResult, Criteria, Measure, Point, SceneChart};

@@ -11,13 +11,13 @@ use crate::ink::{AXIS, AXIS_TITLE, FLOOR, FRONT, HINT, INK, LABEL, REAL_TIME, SO
 use crate::label::{Obstacles, Placed, Rect, Wanted, place};
 use crate::ladder::number;
 use crate::marker::{self, Style};
-use crate::result::{Lens, Measure, Point, REAL_TIME_MS, SceneChart, tolerance};
+use crate::result::{Criteria, Measure, Point, REAL_TIME_MS, SceneChart, tolerance};
 
 /// One pair of axes.
 pub(crate) struct Panel<'a> {
     /// Every family of settings, and its marker.
     families: &'a [(String, Style)],
-    lens: Lens,
+    criteria: Criteria,
     scene: &'a SceneChart,
     measure: Measure,
     plot: Rect,
@@ -29,13 +29,13 @@ pub(crate) struct Panel<'a> {
 impl<'a> Panel<'a> {
     pub(crate) fn new(
         families: &'a [(String, Style)],
-        lens: Lens,
+        criteria: Criteria,
         scene: &'a SceneChart,
         measure: Measure,
         plot: Rect,
     ) -> Self {
-        let places = scene.places(measure, lens);
-        let slowest = scene.points.iter().map(|p| p.slowest(lens));
+        let places = scene.places(measure, criteria);
+        let slowest = scene.points.iter().map(|p| p.slowest(criteria));
         let costs = places.iter().map(|p| p.cost).chain(slowest).chain([REAL_TIME_MS]);
         let floor = scene.truth.floor.as_ref().map(|s| measure.of(s)).filter(|e| *e > 0.0);
         let errors = places.iter().map(|p| p.error).chain(floor);
@@ -44,7 +44,7 @@ impl<'a> Panel<'a> {
         let y = LogAxis::around(errors, [0.12, 0.06], [plot.bottom, plot.top]);
         // No F1 lies below 0.
         let y = if matches!(measure, Measure::F1 { .. }) { y.up_to(1.0) } else { y };
-        Self { families, lens, scene, measure, plot, x, y, floor }
+        Self { families, criteria, scene, measure, plot, x, y, floor }
     }
 
     pub(crate) fn draw<DB: DrawingBackend>(&self, canvas: &Canvas<DB>) -> Result<(), ChartError> {
@@ -105,7 +105,7 @@ impl<'a> Panel<'a> {
 
     /// Where points lie on the sheet; `None` for what has no place on logarithmic axes.
     fn at(&self) -> Vec<Option<[f64; 2]>> {
-        let places = self.scene.places(self.measure, self.lens);
+        let places = self.scene.places(self.measure, self.criteria);
         let usable = |p: &Place| p.error.is_finite() && p.cost.is_finite() && p.cost > 0.0;
         places.iter().map(|p| usable(p).then(|| [self.x.at(p.cost), self.y.at(p.error)])).collect()
     }
@@ -139,7 +139,7 @@ impl<'a> Panel<'a> {
     }
 
     fn front(&self) -> Vec<usize> {
-        self.scene.front(self.measure, self.lens)
+        self.scene.front(self.measure, self.criteria)
     }
 
     /// The front as a staircase: what can be had at each cost.
@@ -166,7 +166,7 @@ impl<'a> Panel<'a> {
     fn bars(&self) -> Vec<[[f64; 2]; 2]> {
         let bar = |(point, at): (&Point, &Option<[f64; 2]>)| {
             let [x, y] = (*at)?;
-            let end = self.x.at(point.slowest(self.lens));
+            let end = self.x.at(point.slowest(self.criteria));
             (end > x).then_some([[x, y], [end, y]])
         };
         self.scene.points.iter().zip(&self.at()).filter_map(bar).collect()
@@ -179,7 +179,7 @@ impl<'a> Panel<'a> {
         }
         let front = self.front();
         let at = self.at();
-        let places = self.scene.places(self.measure, self.lens);
+        let places = self.scene.places(self.measure, self.criteria);
         // What counts most is drawn last.
         let mut order: Vec<usize> = (0..self.scene.points.len()).collect();
         order.sort_by_key(|i| front.contains(i));

@@ -7,7 +7,7 @@ use serde::Serialize;
 use crate::error::ChartError;
 use crate::front::pareto;
 use crate::ladder::{Setting, number};
-use crate::result::{Lens, Measure, REAL_TIME_MS, SceneChart, tolerance};
+use crate::result::{Criteria, Measure, REAL_TIME_MS, SceneChart, tolerance};
 
 /// What a recommendation is to reach.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -66,10 +66,10 @@ impl SceneChart {
     ///
     /// # Errors
     /// A goal that makes no sense, or that no measured setting reaches: the nearest one is told.
-    pub fn recommend(&self, goal: Goal, lens: Lens) -> Result<Recommendation, ChartError> {
+    pub fn recommend(&self, goal: Goal, criteria: Criteria) -> Result<Recommendation, ChartError> {
         goal.check()?;
-        lens.check()?;
-        let places = self.places(Measure::F1 { tolerance_us: lens.tolerance_us }, lens);
+        criteria.check()?;
+        let places = self.places(Measure::F1 { tolerance_us: criteria.tolerance_us }, criteria);
         let front = pareto(&places);
         let (Some(&cheapest), Some(&best)) = (front.first(), front.last()) else {
             return Err(ChartError::Unreachable(format!(
@@ -104,7 +104,7 @@ impl SceneChart {
                         "no setting measured on {} reaches F1 {target} within {}; the most accurate is {}; lower \
                          `target_f1`, or measure higher `rates_hz` or more `samples`",
                         self.scene,
-                        tolerance(lens.tolerance_us),
+                        tolerance(criteria.tolerance_us),
                         told(best)
                     ))
                 })?;
@@ -112,8 +112,8 @@ impl SceneChart {
             }
         };
         let point = &self.points[chosen];
-        let charge = if lens.render_ms > 0.0 {
-            format!(" (with {} per rendered frame)", milliseconds(lens.render_ms))
+        let charge = if criteria.render_ms > 0.0 {
+            format!(" (with {} per rendered frame)", milliseconds(criteria.render_ms))
         } else {
             String::new()
         };
@@ -127,7 +127,7 @@ impl SceneChart {
                 "{why}: {}, with F1 {:.3} within {} and {}{charge}.",
                 point.setting.label(),
                 f1(chosen),
-                tolerance(lens.tolerance_us),
+                tolerance(criteria.tolerance_us),
                 cost(places[chosen].cost)
             ),
             command: self.command(&point.setting),
@@ -196,31 +196,31 @@ mod tests {
     #[test]
     fn a_budget_buys_the_most_accurate_and_a_target_the_cheapest() {
         let scene = scene_chart("spinner");
-        let lens = Lens::default();
-        let cost = |p: &Point| p.cost(lens);
+        let criteria = Criteria::default();
+        let cost = |p: &Point| p.cost(criteria);
         let f1 = |p: &Point| f1(&p.score, 1000);
-        let rich = scene.recommend(Goal::Budget(1000.0), lens).unwrap();
+        let rich = scene.recommend(Goal::Budget(1000.0), criteria).unwrap();
         assert!(rich.cost_ms_per_s <= 1000.0 && rich.sentence.contains("real time"), "{}", rich.sentence);
         assert!(scene.points.iter().all(|p| cost(p) > 1000.0 || f1(p) <= rich.f1));
-        let good = scene.recommend(Goal::TargetF1(0.97), lens).unwrap();
+        let good = scene.recommend(Goal::TargetF1(0.97), criteria).unwrap();
         assert!(good.f1 >= 0.97);
         assert!(scene.points.iter().all(|p| f1(p) < 0.97 || cost(p) >= good.cost_ms_per_s));
         assert!(scene.points.iter().any(|p| cost(p) < good.cost_ms_per_s), "canary: cheaper ones exist");
         assert!(good.command.starts_with("evis run spinner -o events.h5 --size 160x120 --rate "));
 
         let several = SceneChart { of_cameras: 2, camera: "left eye".into(), ..scene.clone() };
-        let command = several.recommend(Goal::Budget(1000.0), lens).unwrap().command;
+        let command = several.recommend(Goal::Budget(1000.0), criteria).unwrap().command;
         assert!(command.starts_with("evis run spinner --camera 'left eye' -o events.h5"), "{command}");
 
         let moved = SceneChart { run_as: Some("a.glb --animation Walk".into()), ..several };
-        let command = moved.recommend(Goal::Budget(1000.0), lens).unwrap().command;
+        let command = moved.recommend(Goal::Budget(1000.0), criteria).unwrap().command;
         assert!(command.starts_with("evis run a.glb --animation Walk --camera 'left eye' -o"), "{command}");
         let words = [shell_quoted("a b"), shell_quoted("it's"), shell_quoted("x=1")];
         assert_eq!(words, ["'a b'", "'it'\\''s'", "x=1"]);
 
         // A heavier renderer makes each frame dearer, so fewer frames fit.
-        let heavy = scene.recommend(Goal::Budget(6000.0), Lens { render_ms: 10.0, ..lens }).unwrap();
-        let light = scene.recommend(Goal::Budget(6000.0), lens).unwrap();
+        let heavy = scene.recommend(Goal::Budget(6000.0), Criteria { render_ms: 10.0, ..criteria }).unwrap();
+        let light = scene.recommend(Goal::Budget(6000.0), criteria).unwrap();
         assert!(heavy.setting.rendered_hz < light.setting.rendered_hz);
         assert!(heavy.sentence.contains("10 ms per rendered frame"), "{}", heavy.sentence);
     }
@@ -228,16 +228,20 @@ mod tests {
     #[test]
     fn goals_out_of_reach_name_the_nearest() {
         let scene = scene_chart("spinner");
-        let told = |goal| scene.recommend(goal, Lens::default()).unwrap_err().to_string();
+        let told = |goal| scene.recommend(goal, Criteria::default()).unwrap_err().to_string();
         let poor = told(Goal::Budget(0.001));
         assert!(poor.contains("0.001 ms") && poor.contains("the cheapest is 125 Hz ×1"), "{poor}");
         let high = told(Goal::TargetF1(1.0));
         assert!(high.contains("reaches F1 1 within 1 ms") && high.contains("4000 Hz ×4"), "{high}");
         assert!(told(Goal::Budget(-1.0)).contains("budget is -1"));
         assert!(told(Goal::TargetF1(f64::NAN)).contains("target_f1 is NaN"));
-        let lens = Lens { tolerance_us: 5, ..Lens::default() };
+        let criteria = Criteria { tolerance_us: 5, ..Criteria::default() };
         assert!(
-            scene.recommend(Goal::Budget(1.0), lens).unwrap_err().to_string().contains("100us, 300us or 1ms")
+            scene
+                .recommend(Goal::Budget(1.0), criteria)
+                .unwrap_err()
+                .to_string()
+                .contains("100us, 300us or 1ms")
         );
     }
 }

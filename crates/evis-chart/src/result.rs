@@ -162,22 +162,22 @@ impl Measure {
     }
 }
 
-/// By which measures points are drawn.
+/// What points are compared by.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Lens {
+pub struct Criteria {
     /// Tolerance of F1 in microseconds, one of [`DEFAULT_TOLERANCES_US`].
     pub tolerance_us: i64,
     /// Milliseconds that each rendered frame costs on top, as a heavier renderer would.
     pub render_ms: f64,
 }
 
-impl Default for Lens {
+impl Default for Criteria {
     fn default() -> Self {
         Self { tolerance_us: 1000, render_ms: 0.0 }
     }
 }
 
-impl Lens {
+impl Criteria {
     /// Checks both values.
     ///
     /// # Errors
@@ -194,31 +194,31 @@ impl Lens {
 }
 
 impl Point {
-    /// Least milliseconds of work per simulated second, `lens`'s charge included.
-    pub fn cost(&self, lens: Lens) -> f64 {
-        self.charged(self.wall_ms_per_s.iter().copied().fold(f64::INFINITY, f64::min), lens)
+    /// Least milliseconds of work per simulated second, `criteria`'s charge included.
+    pub fn cost(&self, criteria: Criteria) -> f64 {
+        self.charged(self.wall_ms_per_s.iter().copied().fold(f64::INFINITY, f64::min), criteria)
     }
 
     /// The slowest repetition's, likewise.
-    pub fn slowest(&self, lens: Lens) -> f64 {
-        self.charged(self.wall_ms_per_s.iter().copied().fold(f64::NEG_INFINITY, f64::max), lens)
+    pub fn slowest(&self, criteria: Criteria) -> f64 {
+        self.charged(self.wall_ms_per_s.iter().copied().fold(f64::NEG_INFINITY, f64::max), criteria)
     }
 
-    fn charged(&self, ms_per_s: f64, lens: Lens) -> f64 {
-        ms_per_s + lens.render_ms * self.setting.rendered_hz
+    fn charged(&self, ms_per_s: f64, criteria: Criteria) -> f64 {
+        ms_per_s + criteria.render_ms * self.setting.rendered_hz
     }
 }
 
 impl SceneChart {
     /// Where each point lies.
-    pub fn places(&self, measure: Measure, lens: Lens) -> Vec<Place> {
-        let place = |p: &Point| Place { cost: p.cost(lens), error: measure.of(&p.score) };
+    pub fn places(&self, measure: Measure, criteria: Criteria) -> Vec<Place> {
+        let place = |p: &Point| Place { cost: p.cost(criteria), error: measure.of(&p.score) };
         self.points.iter().map(place).collect()
     }
 
     /// Indices of the points that no other one beats, by rising cost.
-    pub fn front(&self, measure: Measure, lens: Lens) -> Vec<usize> {
-        pareto(&self.places(measure, lens))
+    pub fn front(&self, measure: Measure, criteria: Criteria) -> Vec<usize> {
+        pareto(&self.places(measure, criteria))
     }
 }
 

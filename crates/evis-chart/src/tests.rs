@@ -1,11 +1,11 @@
 //! Whole pictures, from made-up measurements.
 
-use crate::draw::{Look, png, svg};
+use crate::draw::{png, svg};
 use crate::made_up::scene_chart;
-use crate::result::{ChartResult, Lens};
+use crate::result::{ChartResult, Criteria};
 
-fn look(render_ms: f64) -> Look {
-    Look { lens: Lens { render_ms, ..Lens::default() } }
+fn charging(render_ms: f64) -> Criteria {
+    Criteria { render_ms, ..Criteria::default() }
 }
 
 /// Texts of an SVG, in order.
@@ -17,15 +17,16 @@ fn texts(svg: &str) -> Vec<String> {
 #[test]
 fn the_svg_says_everything() {
     let chart = ChartResult::new(vec![scene_chart("spinner"), scene_chart("warehouse")]);
-    let svg = svg(&chart, &look(10.0)).unwrap();
+    let svg = svg(&chart, charging(10.0)).unwrap();
     if let Some(folder) = std::env::var_os("EVIS_LOOK") {
         let folder = std::path::PathBuf::from(folder);
         std::fs::write(folder.join("two.svg"), &svg).unwrap();
-        std::fs::write(folder.join("two.png"), png(&chart, &look(10.0)).unwrap()).unwrap();
+        std::fs::write(folder.join("two.png"), png(&chart, charging(10.0)).unwrap()).unwrap();
         let four = ["spinner", "warehouse", "street", "desk"].map(scene_chart).to_vec();
-        std::fs::write(folder.join("four.png"), png(&ChartResult::new(four), &look(0.0)).unwrap()).unwrap();
+        std::fs::write(folder.join("four.png"), png(&ChartResult::new(four), charging(0.0)).unwrap())
+            .unwrap();
         let one = ChartResult::new(vec![scene_chart("spinner")]);
-        std::fs::write(folder.join("one.png"), png(&one, &look(0.0)).unwrap()).unwrap();
+        std::fs::write(folder.join("one.png"), png(&one, charging(0.0)).unwrap()).unwrap();
     }
     assert!(svg.contains("font-family=\"Ubuntu, Helvetica, Arial, sans-serif\""));
     let texts = texts(&svg);
@@ -48,7 +49,7 @@ fn the_svg_says_everything() {
     assert_eq!((count("paper 1000 Hz"), count("real time"), count("truth's own error")), (4, 4, 4));
     assert_eq!(count("paper 250×4"), 0, "canary: what was not measured is no point");
     for scene in &chart.scenes {
-        for i in scene.front(crate::Measure::Voxel, look(10.0).lens) {
+        for i in scene.front(crate::Measure::Voxel, charging(10.0)) {
             let label = scene.points[i].setting.label();
             let label = scene.points[i].setting.published.clone().unwrap_or(label);
             assert!(count(&label) >= 1, "the front's {label} has no label");
@@ -59,9 +60,9 @@ fn the_svg_says_everything() {
 #[test]
 fn the_png_decodes_and_is_twice_the_svgs_size() {
     let chart = ChartResult::new(vec![scene_chart("spinner")]);
-    let bytes = png(&chart, &look(0.0)).unwrap();
+    let bytes = png(&chart, charging(0.0)).unwrap();
     let picture = image::load_from_memory(&bytes).unwrap().to_rgb8();
-    let svg = svg(&chart, &look(0.0)).unwrap();
+    let svg = svg(&chart, charging(0.0)).unwrap();
     let size = format!("width=\"{}\" height=\"{}\"", picture.width() / 2, picture.height() / 2);
     assert!(svg.contains(&size), "{size}");
     let inked = picture.pixels().filter(|p| p.0.iter().all(|c| *c < 100)).count();
@@ -80,10 +81,10 @@ fn odd_measurements_still_make_a_picture() {
     lone.points.truncate(1);
     lone.repetitions = 1;
     let chart = ChartResult::new(vec![scene, lone]);
-    assert!(texts(&svg(&chart, &look(0.0)).unwrap()).iter().any(|t| t == "lone"));
+    assert!(texts(&svg(&chart, charging(0.0)).unwrap()).iter().any(|t| t == "lone"));
     let none = ChartResult::new(vec![]);
-    assert!(svg(&none, &look(0.0)).unwrap_err().to_string().contains("no measured setting"));
-    assert!(svg(&chart, &look(-1.0)).unwrap_err().to_string().contains("render_ms is -1"));
+    assert!(svg(&none, charging(0.0)).unwrap_err().to_string().contains("no measured setting"));
+    assert!(svg(&chart, charging(-1.0)).unwrap_err().to_string().contains("render_ms is -1"));
     let many = ChartResult::new(vec![scene_chart("x"); 25]);
-    assert!(svg(&many, &look(0.0)).unwrap_err().to_string().contains("at most 24"));
+    assert!(svg(&many, charging(0.0)).unwrap_err().to_string().contains("at most 24"));
 }

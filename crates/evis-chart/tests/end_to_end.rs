@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::atomic::{AtomicU32, Ordering};
 
 use evis_chart::{
-    ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, Measure, Stage, chart, draw,
+    ChartError, ChartResult, ChartSettings, Criteria, Goal, Ladder, Measure, Stage, chart, draw,
 };
 use evis_core::SensorConfig;
 use evis_scene::builtin;
@@ -77,10 +77,10 @@ fn a_scene_becomes_a_chart() {
         assert_eq!((&a.hash, &a.score), (&b.hash, &b.score), "the same settings give the same scores");
     }
 
-    made.recommend(Goal::Budget(1.0e9), Lens::default()).unwrap();
+    made.recommend(Goal::Budget(1.0e9), Criteria::default()).unwrap();
     let result = ChartResult::new(vec![made]);
     let back = ChartResult::from_json(&result.to_json().unwrap(), Path::new("r.json")).unwrap();
-    assert!(draw::svg(&back, &Look::default()).unwrap().contains("paper 1000 Hz"));
+    assert!(draw::svg(&back, Criteria::default()).unwrap().contains("paper 1000 Hz"));
 }
 
 #[test]

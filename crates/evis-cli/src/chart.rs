@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use evis_chart::result::REAL_TIME_MS;
 use evis_chart::{
-    ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, PictureKind, SceneChart, Stage,
+    ChartError, ChartResult, ChartSettings, Criteria, Goal, LadderRequest, PictureKind, SceneChart, Stage,
     shell_quoted,
 };
 use evis_core::limits::{Budget, read_text};
@@ -28,8 +28,8 @@ const TARGET_F1: f64 = 0.98;
 
 /// Measures or reads, draws, and recommends. `program` is what the user called.
 pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
-    let lens = Lens {
-        tolerance_us: args.f1.map_or(Lens::default().tolerance_us, |f1| f1.micros()),
+    let criteria = Criteria {
+        tolerance_us: args.f1.map_or(Criteria::default().tolerance_us, |f1| f1.micros()),
         render_ms: args.render_ms.unwrap_or(0.0),
     };
     for output in &args.output {
@@ -60,10 +60,10 @@ pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
         text::say(&chart.to_json()?);
     }
     for output in &args.output {
-        evis_chart::draw::save(&chart, &Look { lens }, output)?;
+        evis_chart::draw::save(&chart, criteria, output)?;
         say(&format!("{}", output.display()));
     }
-    let recommended = recommend(args, &chart, lens, program, &say);
+    let recommended = recommend(args, &chart, criteria, program, &say);
     ended.unwrap_or(recommended)
 }
 
@@ -71,7 +71,7 @@ pub(crate) fn chart(args: &ChartArgs, program: &str) -> anyhow::Result<i32> {
 fn recommend(
     args: &ChartArgs,
     chart: &ChartResult,
-    lens: Lens,
+    criteria: Criteria,
     program: &str,
     say: &impl Fn(&str),
 ) -> anyhow::Result<i32> {
@@ -86,7 +86,7 @@ fn recommend(
         }
         say(&format!("{}: {}", scene.scene, measured(scene)));
         for goal in &goals {
-            match scene.recommend(*goal, lens) {
+            match scene.recommend(*goal, criteria) {
                 Ok(found) => {
                     let command = found.command.replacen("evis ", &format!("{program} "), 1);
                     say(&format!("  {}\n    {command}", found.sentence));
@@ -227,37 +227,24 @@ fn run_as(scene: &str, args: &ChartArgs) -> String {
 
 /// Flags over defaults.
 fn settings(args: &MeasuringArgs) -> ChartSettings {
-    let mut ladder = if args.quick { Ladder::quick() } else { Ladder::default() };
-    for (to, from) in [(&mut ladder.rates_hz, &args.rates), (&mut ladder.latch_hz, &args.latch_rates)] {
-        if !from.is_empty() {
-            to.clone_from(from);
-        }
-    }
-    if !args.samples.is_empty() {
-        ladder.samples.clone_from(&args.samples);
-    }
-    // Who names rates or samples means all of them.
-    if !(args.rates.is_empty() && args.samples.is_empty()) {
-        ladder.most_samples_hz = None;
-    }
-    if args.no_splat {
-        ladder.splat.clear();
-        ladder.splat_triggers = false;
-    }
-    if args.no_adaptive {
-        ladder.adaptive_px.clear();
-        ladder.decoupled = false;
-        ladder.presets.clear();
-    }
-    ladder.edges &= !args.no_edges;
-    ladder.published &= !args.no_published;
+    let given = |rates: &Vec<f64>| Some(rates.clone()).filter(|rates| !rates.is_empty());
+    let ladder = LadderRequest {
+        quick: args.quick,
+        rates_hz: given(&args.rates),
+        samples: Some(args.samples.clone()).filter(|samples| !samples.is_empty()),
+        edges: args.no_edges.then_some(false),
+        latch_hz: given(&args.latch_rates),
+        no_published: args.no_published,
+        no_splat: args.no_splat,
+        no_adaptive: args.no_adaptive,
+    };
     let default = ChartSettings::default();
     let mut sensor = default.sensor.clone();
     sensor.threshold_on = args.threshold_on.unwrap_or(sensor.threshold_on);
     sensor.threshold_off = args.threshold_off.unwrap_or(sensor.threshold_off);
     sensor.log_eps = args.log_eps.unwrap_or(sensor.log_eps);
     ChartSettings {
-        ladder,
+        ladder: ladder.into(),
         repetitions: args.repetitions.unwrap_or(default.repetitions),
         sensor,
         camera: args.camera.clone(),

@@ -3,6 +3,7 @@
 mod blocks;
 mod chain;
 mod diffusion;
+mod expose;
 mod exposing;
 pub(crate) mod frames;
 mod ideal;
@@ -18,6 +19,7 @@ mod paths;
 mod plain;
 mod readout;
 pub(crate) mod receptor;
+mod scratch_pool;
 mod shape;
 mod state;
 pub mod tiled;
@@ -34,22 +36,19 @@ use crate::simd::Isa;
 use chain::{Chain, Plan, Scan};
 use diffusion::Diffuse;
 use exposing::Exposing;
-use frames::{BLOCK, Source, Tables};
+use frames::{BLOCK, Source, TILE, Tables};
 use ideal::{Interval, Pixels, Tally};
-use keyframe::ScratchPool;
 use last_keyframe::Keyframe;
 use numbering::Numbering;
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
 use readout::Queue;
+use scratch_pool::ScratchPool;
 use workers::{Threads, WorkerPool};
 
 pub use frames::{FrameData, Frames, Transfer};
 pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
 pub use motion_check::{MotionCheck, check_motion};
 pub use warp::{Warp, WarpVariant};
-
-/// Pixels per tile, at most: the unit of work of a thread. Its memory stays within a core's second cache.
-const TILE: usize = 1 << 14;
 
 /// Most environments of an emulator.
 const MOST_ENVIRONMENTS: usize = 1 << 16;

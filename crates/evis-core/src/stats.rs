@@ -298,7 +298,7 @@ pub fn stats(
         regularity: regular.get(regular.len() / 2).copied(),
         pixel_rates: survival(&counts, duration_s),
         spatial_correlation: spatial(&counts, width as usize, is_hot, mean, variance),
-        temporal_correlation: spectrum::autocorrelation(&population),
+        temporal_correlation: spectrum::autocorrelation(&population, STEP_US as f64 * 1e-6),
         spectrum: spectrum::spectrum(&population, STEP_US as f64 * 1e-6),
         unsteadiness: unsteadiness(&population),
     })

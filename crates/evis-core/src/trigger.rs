@@ -12,7 +12,7 @@ pub struct PixelState {
     /// Reference that the next event is measured from, in log units.
     pub reference_log: f32,
     /// Log intensity at the last sample.
-    pub log_luma: f32,
+    pub log_luminance: f32,
 }
 
 /// What one sampling interval does to one pixel.
@@ -39,24 +39,24 @@ pub use crate::sensor::MAX_EVENTS_PER_INTERVAL;
 /// this, 7 % of pixels miss events that v2e and ESIM mean to fire; with it, none of 10 000).
 pub const TIE: f32 = 1.9e-6;
 
-/// Decides for one pixel and the interval that ends with `log_luma`.
+/// Decides for one pixel and the interval that ends with `log_luminance`.
 #[inline]
-pub fn decide(config: &SensorConfig, state: PixelState, log_luma: f32) -> Decision {
-    decide_within(config, state, log_luma, 0.0)
+pub fn decide(config: &SensorConfig, state: PixelState, log_luminance: f32) -> Decision {
+    decide_within(config, state, log_luminance, 0.0)
 }
 
 /// [`decide`], where what is no farther than `tie` from a level is on it: [`TIE`] for integers. Not for `latch`, which has no
 /// levels.
 #[inline]
-pub fn decide_within(config: &SensorConfig, state: PixelState, log_luma: f32, tie: f32) -> Decision {
-    let change = log_luma - state.reference_log;
+pub fn decide_within(config: &SensorConfig, state: PixelState, log_luminance: f32, tie: f32) -> Decision {
+    let change = log_luminance - state.reference_log;
     let (polarity, sign, threshold) = if change >= 0.0 {
         (Polarity::On, 1.0, config.threshold_on)
     } else {
         (Polarity::Off, -1.0, config.threshold_off)
     };
     let rise_end = change * sign;
-    let rise_start = (state.log_luma - state.reference_log) * sign;
+    let rise_start = (state.log_luminance - state.reference_log) * sign;
     let tie = if config.trigger == TriggerRule::Latch { 0.0 } else { tie };
     let steps = ((rise_end + tie) / threshold).floor();
     let (count, reference_log) = match config.trigger {
@@ -64,14 +64,14 @@ pub fn decide_within(config: &SensorConfig, state: PixelState, log_luma: f32, ti
         TriggerRule::Crossing | TriggerRule::Difference => {
             let count = steps.min(MAX_EVENTS_PER_INTERVAL as f32) as u32;
             let moved = if steps > MAX_EVENTS_PER_INTERVAL as f32 {
-                log_luma
+                log_luminance
             } else {
                 let level = state.reference_log + sign * (count as f32 * threshold);
-                if count > 0 && (level - log_luma).abs() <= tie { log_luma } else { level }
+                if count > 0 && (level - log_luminance).abs() <= tie { log_luminance } else { level }
             };
             (count, moved)
         }
-        TriggerRule::Latch if steps >= 1.0 => (1, log_luma),
+        TriggerRule::Latch if steps >= 1.0 => (1, log_luminance),
         TriggerRule::Latch => (0, state.reference_log),
     };
     Decision { count, polarity, rise_start, rise_end, threshold, reference_log }
@@ -99,7 +99,7 @@ mod tests {
     #[test]
     fn every_crossing_fires_at_its_own_time() {
         let config = SensorConfig::default();
-        let state = PixelState { reference_log: 0.0, log_luma: 0.1 };
+        let state = PixelState { reference_log: 0.0, log_luminance: 0.1 };
         let decision = decide(&config, state, 0.7);
         assert_eq!((decision.count, decision.polarity), (3, Polarity::On));
         let times: Vec<_> = (1..=3).map(|k| fire_time_us(&config, &decision, k, 600)).collect();
@@ -110,7 +110,7 @@ mod tests {
     #[test]
     fn latch_fires_once_at_the_sample() {
         let config = SensorConfig { trigger: TriggerRule::Latch, ..Default::default() };
-        let state = PixelState { reference_log: 0.0, log_luma: 0.0 };
+        let state = PixelState { reference_log: 0.0, log_luminance: 0.0 };
         let decision = decide(&config, state, -0.9);
         assert_eq!((decision.count, decision.polarity, decision.reference_log), (1, Polarity::Off, -0.9));
         assert_eq!(fire_time_us(&config, &decision, 1, 250), 250);
@@ -121,9 +121,10 @@ mod tests {
     fn a_tie_is_counted_once() {
         // 0.25 is exact in f32: the signal rests exactly on the threshold for two samples.
         let config = SensorConfig { threshold_on: 0.25, ..Default::default() };
-        let first = decide(&config, PixelState { reference_log: 0.0, log_luma: 0.0 }, 0.25);
+        let first = decide(&config, PixelState { reference_log: 0.0, log_luminance: 0.0 }, 0.25);
         assert_eq!(first.count, 1);
-        let second = decide(&config, PixelState { reference_log: first.reference_log, log_luma: 0.25 }, 0.25);
+        let second =
+            decide(&config, PixelState { reference_log: first.reference_log, log_luminance: 0.25 }, 0.25);
         assert_eq!(second.count, 0);
     }
 }

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evis_chart::{ChartError, ChartResult, ChartSettings, Goal, Ladder, Lens, Look, draw};
+use evis_chart::{ChartError, ChartResult, ChartSettings, Criteria, Goal, Ladder, LadderRequest, draw};
 use evis_core::{ConfigError, SensorConfig};
 use evis_render::Gpu;
 use evis_truth::PixelChoice;
@@ -32,70 +32,83 @@ impl From<ChartError> for Failure {
 /// What a text of JSON is called in errors.
 const TEXT: &str = "chart";
 
-/// Measures a scene; returns the chart as JSON.
-#[pyfunction]
-#[pyo3(signature = (
-    scene, *, rates_hz, samples, edges, latch_rates_hz, most_samples_hz, published, splat, adaptive, quick,
-    repetitions, threshold_on, threshold_off, log_eps, camera, size, start_us, duration_us, truth_pixels, reference_luminance, floor, cache,
-    device
-))]
-#[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
-pub(crate) fn chart(
-    py: Python<'_>,
-    scene: &Scene,
-    rates_hz: Vec<f64>,
-    samples: Vec<u32>,
-    edges: bool,
-    latch_rates_hz: Vec<f64>,
-    most_samples_hz: Option<f64>,
+/// What settings are measured on beside truth, as Python gives it: a dictionary with these keys.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct TruthRequest {
+    /// ON and OFF threshold, and eps.
+    pub sensor: (f32, f32, f32),
+    pub camera: Option<String>,
+    pub size: Option<(u32, u32)>,
+    pub start_us: i64,
+    pub duration_us: i64,
+    pub truth_pixels: Option<usize>,
+    pub cache: Option<PathBuf>,
+    pub device: Option<String>,
+}
+
+impl TruthRequest {
+    pub fn sensor(&self) -> SensorConfig {
+        let (threshold_on, threshold_off, log_eps) = self.sensor;
+        SensorConfig { threshold_on, threshold_off, log_eps, ..SensorConfig::default() }
+    }
+
+    pub fn pixels(&self) -> PixelChoice {
+        self.truth_pixels.map_or(PixelChoice::All, PixelChoice::Count)
+    }
+}
+
+/// What a chart measures, as Python gives it: a dictionary with these keys.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct ChartRequest {
+    quick: bool,
+    rates_hz: Option<Vec<f64>>,
+    samples: Option<Vec<u32>>,
+    edges: Option<bool>,
+    latch_rates_hz: Option<Vec<f64>>,
     published: bool,
     splat: bool,
     adaptive: bool,
-    quick: bool,
     repetitions: usize,
-    threshold_on: f32,
-    threshold_off: f32,
-    log_eps: f32,
-    camera: Option<String>,
-    size: Option<(u32, u32)>,
-    start_us: i64,
-    duration_us: i64,
-    truth_pixels: Option<usize>,
     reference_luminance: Option<f32>,
     floor: bool,
-    cache: Option<PathBuf>,
-    device: Option<String>,
+}
+
+/// Measures a scene; returns the chart as JSON.
+#[pyfunction]
+pub(crate) fn chart(
+    py: Python<'_>,
+    scene: &Scene,
+    asked: ChartRequest,
+    truth: TruthRequest,
 ) -> PyResult<String> {
-    let usual = if quick { Ladder::quick() } else { Ladder::default() };
     let settings = ChartSettings {
-        ladder: Ladder {
-            rates_hz,
-            samples,
-            edges,
-            latch_hz: latch_rates_hz,
-            most_samples_hz,
-            published,
-            adaptive_px: if adaptive { usual.adaptive_px } else { Vec::new() },
-            presets: if adaptive { usual.presets } else { Vec::new() },
-            decoupled: adaptive && usual.decoupled,
-            splat: if splat { usual.splat } else { Vec::new() },
-            splat_triggers: splat && usual.splat_triggers,
-        },
-        repetitions,
-        sensor: SensorConfig { threshold_on, threshold_off, log_eps, ..SensorConfig::default() },
-        camera,
-        size,
-        start_us,
-        duration_us,
-        pixels: truth_pixels.map_or(PixelChoice::All, PixelChoice::Count),
-        reference_luminance,
-        floor,
-        cache,
+        ladder: Ladder::from(LadderRequest {
+            quick: asked.quick,
+            rates_hz: asked.rates_hz,
+            samples: asked.samples,
+            edges: asked.edges,
+            latch_hz: asked.latch_rates_hz,
+            no_published: !asked.published,
+            no_splat: !asked.splat,
+            no_adaptive: !asked.adaptive,
+        }),
+        repetitions: asked.repetitions,
+        sensor: truth.sensor(),
+        pixels: truth.pixels(),
+        camera: truth.camera,
+        size: truth.size,
+        start_us: truth.start_us,
+        duration_us: truth.duration_us,
+        reference_luminance: asked.reference_luminance,
+        floor: asked.floor,
+        cache: truth.cache,
     };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
     py.detach_interruptible(&stop, || {
-        let gpu = Gpu::open(device.as_deref())?;
+        let gpu = Gpu::open(truth.device.as_deref())?;
         let going = |_, _| !stop.load(Ordering::Relaxed);
         let made = evis_chart::chart(&gpu, &scene.name, &scene, &settings, &going)?;
         Ok::<_, Failure>(ChartResult::new(vec![made]).to_json()?)
@@ -106,17 +119,6 @@ pub(crate) fn chart(
 #[pyfunction]
 pub(crate) fn chart_cache() -> Option<PathBuf> {
     evis_chart::user_cache()
-}
-
-/// Rates, samples, edges, latch rates, most samples per second.
-type LadderShape = (Vec<f64>, Vec<u32>, bool, Vec<f64>, Option<f64>);
-
-/// Default shape of the ladder.
-#[pyfunction]
-pub(crate) fn chart_ladder(quick: bool) -> LadderShape {
-    let ladder = if quick { Ladder::quick() } else { Ladder::default() };
-    let Ladder { rates_hz, samples, edges, latch_hz, most_samples_hz, .. } = ladder;
-    (rates_hz, samples, edges, latch_hz, most_samples_hz)
 }
 
 /// Checks that `json` is a chart that this version reads.
@@ -136,7 +138,7 @@ pub(crate) fn draw_chart(
 ) -> PyResult<()> {
     py.detach_engine(|| {
         let chart = ChartResult::from_json(json, Path::new(TEXT))?;
-        draw::save(&chart, &Look { lens: Lens { tolerance_us, render_ms } }, &path)
+        draw::save(&chart, Criteria { tolerance_us, render_ms }, &path)
     })
 }
 
@@ -165,6 +167,6 @@ pub(crate) fn recommend_chart(
         let scene = chart.scenes.get(index).ok_or_else(|| {
             ConfigError::new("scene", index, format!("below {}, the chart's scenes", chart.scenes.len()))
         })?;
-        Ok(scene.recommend(goal, Lens { tolerance_us, render_ms })?.to_json()?)
+        Ok(scene.recommend(goal, Criteria { tolerance_us, render_ms })?.to_json()?)
     })
 }

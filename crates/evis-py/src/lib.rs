@@ -32,7 +32,7 @@ mod _evis {
     #[pymodule_export]
     use crate::bodies::{body_times, scene_bodies};
     #[pymodule_export]
-    use crate::chart::{chart, chart_cache, chart_ladder, check_chart, draw_chart, recommend_chart};
+    use crate::chart::{chart, chart_cache, check_chart, draw_chart, recommend_chart};
     #[pymodule_export]
     use crate::emulator::{
         EventEmulator, check_motion, scene_sensors, sensor_check, sensor_from_toml,

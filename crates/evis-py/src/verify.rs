@@ -5,12 +5,12 @@ use std::sync::atomic::{AtomicBool, Ordering};
 
 use evis_chart::verify::failures::{NamedMethod, methods};
 use evis_chart::verify::{FailureSettings, LightSettings, Report, SceneSettings, verify_forms};
-use evis_core::SensorConfig;
+use evis_core::Word as _;
 use evis_core::closed_form::convergence::Variant;
-use evis_render::Gpu;
-use evis_truth::PixelChoice;
+use evis_render::{Gpu, Shadows};
 use pyo3::prelude::*;
 
+use crate::chart::TruthRequest;
 use crate::errors::Failure;
 use crate::gil::Detach;
 use crate::scene::Scene;
@@ -26,44 +26,31 @@ pub(crate) fn verify(py: Python<'_>) -> PyResult<String> {
 
 /// Measures the engine on a scene; returns the report as JSON.
 #[pyfunction]
-#[pyo3(signature = (
-    scene, *, rates_hz, samples, triggers, threshold_on, threshold_off, log_eps, camera, size, start_us, duration_us,
-    truth_pixels, cache, device
-))]
-#[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
 pub(crate) fn verify_scene(
     py: Python<'_>,
     scene: &Scene,
     rates_hz: Vec<f64>,
     samples: Vec<u32>,
     triggers: Vec<String>,
-    threshold_on: f32,
-    threshold_off: f32,
-    log_eps: f32,
-    camera: Option<String>,
-    size: Option<(u32, u32)>,
-    start_us: i64,
-    duration_us: i64,
-    truth_pixels: Option<usize>,
-    cache: Option<PathBuf>,
-    device: Option<String>,
+    truth: TruthRequest,
 ) -> PyResult<String> {
+    let triggers = triggers.iter().map(|name| Variant::of_word("triggers", name));
     let settings = SceneSettings {
         rates_hz,
         samples,
-        triggers: triggers.iter().map(|name| variant(name)).collect::<PyResult<_>>()?,
-        sensor: SensorConfig { threshold_on, threshold_off, log_eps, ..SensorConfig::default() },
-        camera,
-        size,
-        start_us,
-        duration_us,
-        pixels: truth_pixels.map_or(PixelChoice::All, PixelChoice::Count),
-        cache,
+        triggers: triggers.collect::<Result<_, _>>().map_err(Failure::from)?,
+        sensor: truth.sensor(),
+        pixels: truth.pixels(),
+        camera: truth.camera,
+        size: truth.size,
+        start_us: truth.start_us,
+        duration_us: truth.duration_us,
+        cache: truth.cache,
     };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
     py.detach_interruptible(&stop, || {
-        let gpu = Gpu::open(device.as_deref())?;
+        let gpu = Gpu::open(truth.device.as_deref())?;
         let going = |_, _| !stop.load(Ordering::Relaxed);
         let made = evis_chart::verify::verify_scene(&gpu, &scene.name, &scene, &settings, &going)?;
         Ok::<_, Failure>(made.to_json()?)
@@ -96,23 +83,24 @@ pub(crate) fn verify_failures(
     })
 }
 
-/// Compares light at one instant; returns the report as JSON.
-#[pyfunction]
-#[pyo3(signature = (scene, *, at_us, samples, shadows, camera, size, worst, device))]
-#[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per setting")]
-pub(crate) fn verify_light(
-    py: Python<'_>,
-    scene: &Scene,
+/// What light is compared at, as Python gives it: a dictionary with these keys.
+#[derive(FromPyObject)]
+#[pyo3(from_item_all)]
+pub(crate) struct LightRequest {
     at_us: i64,
     samples: u32,
-    shadows: &str,
+    shadows: String,
     camera: Option<String>,
     size: Option<(u32, u32)>,
     worst: usize,
     device: Option<String>,
-) -> PyResult<String> {
-    let shadows = serde_json::from_value(serde_json::Value::String(shadows.into()))
-        .map_err(|_| Failure::Config(format!("shadows is {shadows:?}; it must be \"maps\" or \"rays\"")))?;
+}
+
+/// Compares light at one instant; returns the report as JSON.
+#[pyfunction]
+pub(crate) fn verify_light(py: Python<'_>, scene: &Scene, asked: LightRequest) -> PyResult<String> {
+    let LightRequest { at_us, samples, shadows, camera, size, worst, device } = asked;
+    let shadows = Shadows::of_word("shadows", &shadows).map_err(Failure::from)?;
     let settings = LightSettings { camera, size, at_us, samples, shadows, worst };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
     let stop = AtomicBool::new(false);
@@ -121,13 +109,6 @@ pub(crate) fn verify_light(
         let going = |_, _| !stop.load(Ordering::Relaxed);
         let made = evis_chart::verify::verify_light(&gpu, &scene.name, &scene, &settings, &going)?;
         Ok::<_, Failure>(made.to_json()?)
-    })
-}
-
-fn variant(name: &str) -> PyResult<Variant> {
-    let known = serde_json::from_value(serde_json::Value::String(name.into()));
-    known.map_err(|_| {
-        Failure::Config(format!("triggers has {name:?}; it must hold \"crossing\" or \"latch\"")).into()
     })
 }
 

@@ -251,7 +251,7 @@ fn run(gpu: &Gpu, scene: &Arc<Scene>, config: RunConfig, end_us: i64) -> Vec<Eve
 }
 
 /// `ln(Y / Y_ref + eps)` with the sensor's own constants.
-fn log_luma(luminance: f64) -> f64 {
+fn log_luminance(luminance: f64) -> f64 {
     (luminance / f64::from(REFERENCE) + f64::from(SensorConfig::default().log_eps)).ln()
 }
 
@@ -732,8 +732,9 @@ fn flicker_fires_as_its_waveform_says() {
             // rounding. These two have no small multiple in common.
             let sensor = SensorConfig { trigger: rule, threshold_off: 0.2317, ..SensorConfig::default() };
             let events = run(&gpu, &scene, RunConfig { sensor: sensor.clone(), ..config(4) }, end_us);
-            let instants: Vec<_> =
-                (0..=end_us / 1000).map(|k| (k * 1000, log_luma(light.luminance(k as f64 * 1e-3)))).collect();
+            let instants: Vec<_> = (0..=end_us / 1000)
+                .map(|k| (k * 1000, log_luminance(light.luminance(k as f64 * 1e-3))))
+                .collect();
             let (mut expected, closest) = sampled_truth(&sensor, &instants);
             expected.retain(|e| e.0 < end_us);
             println!("{name}, {rule:?}: {} events per pixel, closest tie {closest:.1e}", expected.len());

@@ -72,7 +72,7 @@ impl Environment {
         let (width, height, texels) = load::read(path, warnings)?;
         let map = equirect::Equirect::new(&path.display().to_string(), width, height, texels, warnings)
             .map_err(|reason| SceneError::invalid(path, reason))?;
-        Ok(prefilter::build(&path.display().to_string(), &map))
+        Ok(Self::of_map(&path.display().to_string(), &map))
     }
 
     /// An environment from linear radiance in equirectangular projection, row-major from the top (+Y), `width`
@@ -95,7 +95,13 @@ impl Environment {
         }
         let map = equirect::Equirect::new(name, width, height, texels, warnings)
             .map_err(|reason| SceneError::Rule(format!("environment '{name}' {reason}")))?;
-        Ok(prefilter::build(name, &map))
+        Ok(Self::of_map(name, &map))
+    }
+
+    fn of_map(name: &str, map: &equirect::Equirect) -> Self {
+        let prefilter::Cubes { sky, irradiance, specular } = prefilter::build(map);
+        let name = name.to_owned();
+        Self { name, sky, irradiance, specular, intensity: 1.0, rotation: 0.0, visible: true }
     }
 
     /// The same light from everywhere.
@@ -115,7 +121,7 @@ impl Environment {
     /// A soft studio, for scenes that bring no light: bright sky above a dim ground, and three soft boxes (a key
     /// light at the right front, a fill at the left, a rim behind; front is +Z, where a glTF model faces).
     pub fn studio() -> Self {
-        prefilter::build("studio", &studio::map())
+        Self::of_map("studio", &studio::map())
     }
 
     /// Radiance from world direction `direction`, level 0 of the sky, rotation and intensity applied.

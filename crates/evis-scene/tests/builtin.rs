@@ -73,14 +73,16 @@ fn the_seed_is_all_that_changes_a_scene() {
 fn textures_have_contrast_from_texel_to_texel() {
     for (name, _) in names() {
         for image in &scene(name).images {
-            let log_luma = |i: usize| {
+            let log_luminance = |i: usize| {
                 let [r, g, b, _] = image.texels[i].map(|c| f64::from(c.to_f32()));
                 (0.2126 * r + 0.7152 * g + 0.0722 * b).max(1e-6).ln()
             };
-            let steps: Vec<f64> =
-                (1..image.texels.len()).map(|i| log_luma(i) - log_luma(i - 1)).map(|d| d * d).collect();
+            let steps: Vec<f64> = (1..image.texels.len())
+                .map(|i| log_luminance(i) - log_luminance(i - 1))
+                .map(|d| d * d)
+                .collect();
             let rms = (steps.iter().sum::<f64>() / steps.len() as f64).sqrt();
-            let mean = (0..image.texels.len()).map(log_luma).sum::<f64>() / image.texels.len() as f64;
+            let mean = (0..image.texels.len()).map(log_luminance).sum::<f64>() / image.texels.len() as f64;
             assert!((0.03..1.2).contains(&rms), "{name}: {} changes by {rms:.3} per texel", image.name);
             assert!(
                 (0.02..0.9).contains(&mean.exp()),

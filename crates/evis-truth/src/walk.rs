@@ -154,10 +154,10 @@ pub fn sample(
             log_before = None;
             continue;
         }
-        let log_luma = log_before.unwrap_or_else(|| exact(&mut walker, before_us));
-        let old = PixelState { reference_log, log_luma };
-        let log_luma = exact(&mut walker, now_us);
-        let decision = decide(&rules.sensor, old, log_luma);
+        let log_luminance = log_before.unwrap_or_else(|| exact(&mut walker, before_us));
+        let old = PixelState { reference_log, log_luminance };
+        let log_luminance = exact(&mut walker, now_us);
+        let decision = decide(&rules.sensor, old, log_luminance);
         for k in 1..=decision.count {
             let after_us = fire_time_us(&rules.sensor, &decision, k, (now_us - before_us) as u32);
             let t_us = (before_us + i64::from(after_us)) as f64;
@@ -168,7 +168,7 @@ pub fn sample(
                 walker.truth.events.push(fired);
             }
         }
-        (reference_log, log_before) = (decision.reference_log, Some(log_luma));
+        (reference_log, log_before) = (decision.reference_log, Some(log_luminance));
     }
     walker.truth
 }

@@ -4,6 +4,7 @@ use std::path::Path;
 
 use evis_core::closed_form::convergence::{FLOOR_US, Variant};
 
+use super::file;
 use super::forms::{FormsReport, SignalClass, Theory};
 use super::plot::{Figure, Guide, Line, Panel};
 use super::scene::{SceneReport, TIMES_US, at, time_error, variant};
@@ -20,7 +21,7 @@ impl FormsReport {
     /// # Errors
     /// Another ending, nothing to draw, a file that cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ChartError> {
-        super::save(&forms(self)?, path)
+        file::save(&forms(self)?, path)
     }
 }
 
@@ -30,7 +31,7 @@ impl SceneReport {
     /// # Errors
     /// Another ending, nothing to draw, a file that cannot be written.
     pub fn save(&self, path: &Path) -> Result<(), ChartError> {
-        super::save(&scene(self)?, path)
+        file::save(&scene(self)?, path)
     }
 }
 

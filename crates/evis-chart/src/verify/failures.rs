@@ -23,7 +23,7 @@ use evis_core::ConfigError;
 use evis_render::Gpu;
 use serde::{Deserialize, Serialize};
 
-use super::VERSION;
+use super::file::{self, VERSION};
 use crate::chart::{Progress, Stage, today};
 use crate::error::ChartError;
 use crate::result::DeviceNote;
@@ -179,7 +179,7 @@ impl FailureReport {
     /// # Errors
     /// None that could be put right.
     pub fn to_json(&self) -> Result<String, ChartError> {
-        super::to_json(self)
+        file::to_json(self)
     }
 
     /// Reads what [`FailureReport::to_json`] wrote; `path` names it in errors.
@@ -187,15 +187,7 @@ impl FailureReport {
     /// # Errors
     /// No JSON, another report, or one of another version.
     pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
-        super::from_json(text, REPORT, path)
-    }
-
-    /// Draws the table to `path`, as SVG or PNG by its ending.
-    ///
-    /// # Errors
-    /// Another ending, nothing to draw, a file that cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
-        super::save(&draw::figure(self)?, path)
+        file::from_json(text, REPORT, path)
     }
 }
 

@@ -7,7 +7,7 @@ use evis_core::ConfigError;
 use evis_core::closed_form::convergence::{self, Convergence, FLOOR_US, Variant};
 use serde::{Deserialize, Serialize};
 
-use super::VERSION;
+use super::file::{self, VERSION};
 use crate::error::ChartError;
 
 /// This report's kind in JSON.
@@ -189,7 +189,7 @@ impl FormsReport {
     /// # Errors
     /// None that could be put right.
     pub fn to_json(&self) -> Result<String, ChartError> {
-        super::to_json(self)
+        file::to_json(self)
     }
 
     /// Reads what [`FormsReport::to_json`] wrote; `path` names it in errors.
@@ -197,7 +197,7 @@ impl FormsReport {
     /// # Errors
     /// No JSON, another report, or one of another version.
     pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
-        super::from_json(text, REPORT, path)
+        file::from_json(text, REPORT, path)
     }
 }
 

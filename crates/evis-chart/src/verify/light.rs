@@ -15,8 +15,8 @@ use evis_truth::rays::{Beam, Textures};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::VERSION;
 use super::eye::Eye;
+use super::file::{self, VERSION};
 use crate::chart::{Progress, Stage, first_environment, today};
 use crate::error::ChartError;
 use crate::result::DeviceNote;
@@ -327,7 +327,7 @@ impl LightReport {
     /// # Errors
     /// None that could be put right.
     pub fn to_json(&self) -> Result<String, ChartError> {
-        super::to_json(self)
+        file::to_json(self)
     }
 
     /// Reads what [`LightReport::to_json`] wrote; `path` names it in errors.
@@ -335,15 +335,7 @@ impl LightReport {
     /// # Errors
     /// No JSON, another report, or one of another version.
     pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
-        super::from_json(text, REPORT, path)
-    }
-
-    /// Draws the differences to `path`, as SVG or PNG by its ending.
-    ///
-    /// # Errors
-    /// Another ending, nothing to draw, a file that cannot be written.
-    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
-        super::save(&draw::figure(self)?, path)
+        file::from_json(text, REPORT, path)
     }
 }
 

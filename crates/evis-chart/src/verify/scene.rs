@@ -12,7 +12,7 @@ use evis_scene::Scene;
 use evis_truth::PixelChoice;
 use serde::{Deserialize, Serialize};
 
-use super::VERSION;
+use super::file::{self, VERSION};
 use crate::chart::{ChartSettings, Progress, Work, base, measured};
 use crate::error::ChartError;
 use crate::ladder::{Ladder, Setting, number};
@@ -317,7 +317,7 @@ impl SceneReport {
     /// # Errors
     /// None that could be put right.
     pub fn to_json(&self) -> Result<String, ChartError> {
-        super::to_json(self)
+        file::to_json(self)
     }
 
     /// Reads what [`SceneReport::to_json`] wrote; `path` names it in errors.
@@ -325,7 +325,7 @@ impl SceneReport {
     /// # Errors
     /// No JSON, another report, or one of another version.
     pub fn from_json(text: &str, path: &Path) -> Result<Self, ChartError> {
-        super::from_json(text, REPORT, path)
+        file::from_json(text, REPORT, path)
     }
 
     /// Name and score of every row: truth's own error first.

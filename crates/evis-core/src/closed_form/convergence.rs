@@ -220,21 +220,21 @@ fn runs(events: impl Iterator<Item = (bool, f64)>) -> Vec<Run> {
 
 /// What the trigger fires on samples of `light`.
 fn sampled(light: &PixelLight, sensor: &SensorConfig, grid: &TimeGrid, last: i64) -> Vec<Run> {
-    let log_luma = |t_us: i64| (light.luminance(t_us as f64 * 1e-6) as f32 + sensor.log_eps).ln();
+    let log_luminance = |t_us: i64| (light.luminance(t_us as f64 * 1e-6) as f32 + sensor.log_eps).ln();
     let mut events = Vec::new();
-    let start = log_luma(0);
-    let mut state = PixelState { reference_log: start, log_luma: start };
+    let start = log_luminance(0);
+    let mut state = PixelState { reference_log: start, log_luminance: start };
     for k in 1..=last {
         let (before, now) = (grid.instant_us(k - 1), grid.instant_us(k));
-        let log_luma = log_luma(now);
-        let decision = decide(sensor, state, log_luma);
+        let log_luminance = log_luminance(now);
+        let decision = decide(sensor, state, log_luminance);
         for i in 1..=decision.count {
             let after = fire_time_us(sensor, &decision, i, (now - before) as u32);
             // The middle of the microsecond that the time was floored to.
             let t_us = (before + i64::from(after)) as f64 + 0.5;
             events.push((decision.polarity == Polarity::On, t_us));
         }
-        state = PixelState { reference_log: decision.reference_log, log_luma };
+        state = PixelState { reference_log: decision.reference_log, log_luminance };
     }
     runs(events.into_iter())
 }

@@ -10,6 +10,9 @@ use crate::trigger::TIE;
 /// Pixels that a kernel treats at once.
 pub(crate) const BLOCK: usize = 64;
 
+/// Pixels per tile, at most: the unit of work of a thread. Its memory stays within a core's second cache.
+pub(crate) const TILE: usize = 1 << 14;
+
 /// How integers became what they are: the curve between linear light and stored values.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]

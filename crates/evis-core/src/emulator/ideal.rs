@@ -345,7 +345,7 @@ mod widest {
         _mm512_mul_ps, _mm512_set1_ps, _mm512_setzero_ps, _mm512_storeu_ps, _mm512_stream_ps,
     };
 
-    use super::BLOCK;
+    use crate::emulator::frames::BLOCK;
 
     /// As [`super::wide::light_outside`]; past the caches where `streams`, `out` begins at a cache line, and all is inside. Then
     /// [`std::arch::x86_64::_mm_sfence`] must follow before another thread reads it.
@@ -402,7 +402,7 @@ mod wide {
         _mm256_storeu_ps,
     };
 
-    use super::BLOCK;
+    use crate::emulator::frames::BLOCK;
 
     /// `out` becomes `values` times `inverse`; the rest as [`super::light_outside`].
     #[target_feature(enable = "avx2")]

@@ -1,14 +1,13 @@
 //! Frames with depth and motion vectors: the light between two of them is warped, then goes through the sensor model.
 
-use std::sync::{Mutex, PoisonError};
-
 use rayon::prelude::*;
 
 use super::frames::{BLOCK, FrameData, Frames, Source, Tables, linear_luminance};
 use super::last_keyframe::Keyframe;
 use super::links::Links;
 use super::paths::{Fields, Paths};
-use super::warp::{Gap, MOST_PIXELS, Pictures, Scratch, Side, Warp, WarpVariant, is_motion};
+use super::scratch_pool::ScratchPool;
+use super::warp::{Gap, MOST_PIXELS, Pictures, Side, Warp, WarpVariant, is_motion};
 use super::workers::{Threads, WorkerPool};
 use super::{EmulatorReport, Environment, EventEmulator, Push};
 use crate::event::Event;
@@ -148,20 +147,6 @@ impl KeyframeReport {
             ));
         }
         out
-    }
-}
-
-/// Memory that threads take and give back.
-#[derive(Debug, Default)]
-pub(crate) struct ScratchPool(Mutex<Vec<(Scratch, Vec<f32>)>>);
-
-impl ScratchPool {
-    fn take(&self) -> (Scratch, Vec<f32>) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).pop().unwrap_or_default()
-    }
-
-    fn give(&self, scratch: (Scratch, Vec<f32>)) {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(scratch);
     }
 }
 

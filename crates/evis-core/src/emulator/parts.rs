@@ -6,8 +6,8 @@ use rayon::prelude::*;
 
 pub use super::warp::{Gap, Pictures, Scratch, Side};
 
-use super::TILE;
 pub use super::chain::{Frozen, JITTER_SHIFT};
+use super::frames::TILE;
 use super::noise::{Candidate, TileNoise};
 use super::numbering::Numbering;
 use super::readout::{self, delay_us};

@@ -33,7 +33,7 @@ fn the_ideal_kernel_is_the_trigger() {
             frame.iter().map(|light| crate::simd::ln(light + config.sensor.log_eps)).collect();
         let mut expected = Vec::new();
         if states.is_empty() {
-            states = logs.iter().map(|l| PixelState { reference_log: *l, log_luma: *l }).collect();
+            states = logs.iter().map(|l| PixelState { reference_log: *l, log_luminance: *l }).collect();
         }
         let interval = (t_us - before) as u32;
         for (i, (state, log)) in states.iter_mut().zip(&logs).enumerate() {
@@ -43,7 +43,7 @@ fn the_ideal_kernel_is_the_trigger() {
                 let (x, y) = (i as u32 % width, i as u32 / width);
                 expected.push(Event::new(before + i64::from(offset), x as u16, y as u16, decision.polarity));
             }
-            *state = PixelState { reference_log: decision.reference_log, log_luma: *log };
+            *state = PixelState { reference_log: decision.reference_log, log_luminance: *log };
         }
         expected.sort_by_key(Event::order);
         assert_eq!(got, expected, "at {t_us}");
@@ -72,7 +72,7 @@ fn by_the_trigger(
                 continue;
             }
             let Some(state) = state else {
-                *state = Some(PixelState { reference_log: *log, log_luma: *log });
+                *state = Some(PixelState { reference_log: *log, log_luminance: *log });
                 continue;
             };
             let decision = trigger::decide_within(sensor, *state, *log, tie);
@@ -81,7 +81,7 @@ fn by_the_trigger(
                 let (x, y) = (i as u32 % width, i as u32 / width);
                 expected.push(Event::new(before + i64::from(offset), x as u16, y as u16, decision.polarity));
             }
-            *state = PixelState { reference_log: decision.reference_log, log_luma: *log };
+            *state = PixelState { reference_log: decision.reference_log, log_luminance: *log };
         }
         expected.sort_by_key(Event::order);
         all.push(expected);

@@ -1,13 +1,11 @@
 //! Power and autocorrelation of a row of counts.
 
-use super::{Point, STEP_US};
-
 /// Steps of a segment, at most.
 const SEGMENT: usize = 4096;
 
 /// Welch's estimate with Hann windows that overlap by half (IEEE Trans. Audio Electroacoust. 15, 1967), over the power of
 /// a Poisson process of the same rate; means over third octaves.
-pub(super) fn spectrum(counts: &[f64], step_s: f64) -> Vec<Point> {
+pub(super) fn spectrum(counts: &[f64], step_s: f64) -> Vec<[f64; 2]> {
     let mut segment = SEGMENT;
     // Fifteen segments or more, so that a mean means something.
     while segment * 8 > counts.len() {
@@ -69,7 +67,7 @@ fn transform(real: &mut [f64], imaginary: &mut [f64]) {
 }
 
 /// Autocorrelation at steps that grow.
-pub(super) fn autocorrelation(counts: &[f64]) -> Vec<Point> {
+pub(super) fn autocorrelation(counts: &[f64], step_s: f64) -> Vec<[f64; 2]> {
     let n = counts.len();
     let mean = counts.iter().sum::<f64>() / n.max(1) as f64;
     let variance = counts.iter().map(|count| (count - mean).powi(2)).sum::<f64>() / n.max(1) as f64;
@@ -82,7 +80,7 @@ pub(super) fn autocorrelation(counts: &[f64]) -> Vec<Point> {
         sum / (n - lag) as f64 / variance
     };
     let used = lags.into_iter().filter(|lag| lag * 4 <= n);
-    used.map(|lag| [lag as f64 * STEP_US as f64 * 1e-6, at(lag)]).collect()
+    used.map(|lag| [lag as f64 * step_s, at(lag)]).collect()
 }
 
 #[cfg(test)]
@@ -98,7 +96,7 @@ mod tests {
         assert!((40.0..60.0).contains(&top[0]), "{top:?}");
         let elsewhere = points.iter().filter(|p| p[0] > 100.0).map(|p| p[1]).fold(0.0, f64::max);
         assert!(elsewhere < 1e-3 * top[1], "{elsewhere} beside {}", top[1]);
-        let lags = autocorrelation(&counts);
+        let lags = autocorrelation(&counts, 1e-3);
         let at = |ms: f64| lags.iter().find(|p| (p[0] - ms * 1e-3).abs() < 1e-9).unwrap()[1];
         assert!((at(20.0) - 1.0).abs() < 0.01 && (at(10.0) + 1.0).abs() < 0.01, "{lags:?}");
     }

@@ -3,7 +3,6 @@
 // The whole sensor chain of a pixel: what is bound, what is on, what is remembered. Twins: sensor/chain.rs, gpu/uniforms.rs.
 
 // What is off leaves no code and no memory behind.
-override MAY_BE_UNKNOWN: bool = false;
 override LINLOG: bool = false;
 // 0 none, 1 Euler's rule, 2 one pole, 3 two poles.
 override FILTER: u32 = 0;

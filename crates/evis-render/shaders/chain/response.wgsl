@@ -6,7 +6,7 @@
 fn light_of(instant: u32) -> f32 {
     let layer = (view * params.instants + instant) * SAMPLES;
     let mean = mean_of_samples(pixel, layer);
-    if (MAY_BE_UNKNOWN && mean < 0.0) {
+    if (is_unknown(mean)) {
         return -1.0;
     }
     return min(clamp(mean, 0.0, LIGHT_LIMIT) * inverse_reference, LIGHT_LIMIT);

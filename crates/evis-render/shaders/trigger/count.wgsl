@@ -43,7 +43,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
     var unknown = 0u;
     var begin = 0u;
     if (params.first == 1u) {
-        let l = log_luma_of(sensor, mean_at(id.xy, id.z, 0u));
+        let l = log_luminance_of(sensor, mean_at(id.xy, id.z, 0u));
         state = PixelMemory(l, l);
         begin = 1u;
     }
@@ -53,16 +53,16 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         let step = step_at(id.xy, id.z, begin);
         let end = min(begin + length, params.instants);
         if (CURVE) {
-            var before = state.log_luma;
+            var before = state.log_luminance;
             var at = sample_from(begin, step);
-            var l = log_luma_of(sensor, mean_at(id.xy, id.z, at));
+            var l = log_luminance_of(sensor, mean_at(id.xy, id.z, at));
             for (; at < end; at += step) {
                 let is_last = at + step >= end;
                 var after = l;
                 if (!is_last) {
-                    after = log_luma_of(sensor, mean_at(id.xy, id.z, at + step));
+                    after = log_luminance_of(sensor, mean_at(id.xy, id.z, at + step));
                 }
-                let start = state.log_luma;
+                let start = state.log_luminance;
                 let run = run_of(before, start, l, after, at >= begin + step, !is_last);
                 for (var piece = 0u; piece < PIECES; piece++) {
                     let piece_end = end_of(run, piece, l);
@@ -83,7 +83,7 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
                 unknown++;
                 continue;
             }
-            let l = log_luma_of(sensor, mean);
+            let l = log_luminance_of(sensor, mean);
             let decision = decide(sensor, state, l);
             clamped += u32(decision.clamped);
             fires |= u32(decision.count != 0u) << at;
@@ -98,6 +98,6 @@ fn main(@builtin(global_invocation_id) id: vec3<u32>, @builtin(workgroup_id) wor
         atomicAdd(&status.unknown, unknown);
     }
     counts[index] = count;
-    let next = vec2<u32>(bitcast<u32>(state.reference_log), bitcast<u32>(state.log_luma));
+    let next = vec2<u32>(bitcast<u32>(state.reference_log), bitcast<u32>(state.log_luminance));
     textureStore(memory_out, id.xy, id.z, vec4<u32>(next, fires, count));
 }

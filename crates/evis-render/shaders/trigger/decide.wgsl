@@ -15,13 +15,13 @@ struct Decision {
     clamped: bool,
 };
 
-fn decide(sensor: ViewSensor, state: PixelMemory, log_luma: f32) -> Decision {
-    let change = log_luma - state.reference_log;
+fn decide(sensor: ViewSensor, state: PixelMemory, log_luminance: f32) -> Decision {
+    let change = log_luminance - state.reference_log;
     let on = change >= 0.0;
     let sign = select(-1.0, 1.0, on);
     let threshold = select(sensor.threshold_off, sensor.threshold_on, on);
     let rise_end = change * sign;
-    let rise_start = (state.log_luma - state.reference_log) * sign;
+    let rise_start = (state.log_luminance - state.reference_log) * sign;
     var decision = Decision(0u, select(0u, 1u, on), rise_start, rise_end, threshold, state.reference_log, false);
     if (rise_end >= threshold) {
         if (TRIGGER_RULE == 0u) {
@@ -30,10 +30,10 @@ fn decide(sensor: ViewSensor, state: PixelMemory, log_luma: f32) -> Decision {
             decision.count = u32(count);
             decision.clamped = steps > MAX_EVENTS_PER_INTERVAL;
             decision.reference_log =
-                select(state.reference_log + sign * (count * threshold), log_luma, decision.clamped);
+                select(state.reference_log + sign * (count * threshold), log_luminance, decision.clamped);
         } else {
             decision.count = 1u;
-            decision.reference_log = log_luma;
+            decision.reference_log = log_luminance;
         }
     }
     return decision;

@@ -33,7 +33,7 @@ struct ViewSensor {
 // What survives a submission in one pixel.
 struct PixelMemory {
     reference_log: f32,
-    log_luma: f32,
+    log_luminance: f32,
 };
 
 struct Status {

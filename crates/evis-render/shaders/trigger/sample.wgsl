@@ -1,8 +1,5 @@
 #import trigger/layout.wgsl
-// From a pixel's light to the logarithm that its thresholds see. Twin: cpu/trigger.rs, log_luma.
-
-// Whether a method may leave a pixel unknown, by a luminance below 0; such an instant passes the pixel by.
-override MAY_BE_UNKNOWN: bool = false;
+// From a pixel's light to the logarithm that its thresholds see. Twin: cpu/trigger.rs, log_luminance.
 
 @group(0) @binding(0) var<uniform> params: TriggerParams;
 // A texel per view. Per-pixel data are textures because software drivers read a storage buffer lane by lane.
@@ -20,11 +17,7 @@ fn memory_of(texel: vec4<u32>) -> PixelMemory {
     return PixelMemory(bitcast<f32>(texel.x), bitcast<f32>(texel.y));
 }
 
-fn log_luma_of(sensor: ViewSensor, mean: f32) -> f32 {
+fn log_luminance_of(sensor: ViewSensor, mean: f32) -> f32 {
     let y = clamp(mean, 0.0, LUMINANCE_LIMIT);
     return log(y * sensor.inverse_reference_luminance + sensor.log_eps);
-}
-
-fn is_unknown(mean: f32) -> bool {
-    return MAY_BE_UNKNOWN && mean < 0.0;
 }

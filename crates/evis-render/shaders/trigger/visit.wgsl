@@ -28,11 +28,11 @@ fn run_around(
     if (has_before && start == step) {
         before = first;
     } else if (has_before) {
-        before = log_luma_of(sensor, mean_at(pixel, view, start - step - 1u));
+        before = log_luminance_of(sensor, mean_at(pixel, view, start - step - 1u));
     }
     var after = l1;
     if (has_after) {
-        after = log_luma_of(sensor, mean_at(pixel, view, last + step));
+        after = log_luminance_of(sensor, mean_at(pixel, view, last + step));
     }
     return run_of(before, l0, l1, after, has_before, has_after);
 }
@@ -52,12 +52,12 @@ fn visit(id: vec3<u32>, workgroup: vec3<u32>) {
     let memory = memory_of(textureLoad(memory_in, id.xy, id.z));
     var reference_log = memory.reference_log;
     if (params.first == 1u) {
-        reference_log = log_luma_of(sensor, mean_at(id.xy, id.z, 0u));
+        reference_log = log_luminance_of(sensor, mean_at(id.xy, id.z, 0u));
     }
     var written = 0u;
     for (var left = counted.z; left != 0u; left &= left - 1u) {
         let k = firstTrailingBit(left);
-        var before = memory.log_luma;
+        var before = memory.log_luminance;
         // The last instant at which the pixel was known, as the counting pass had it.
         let start = k + 1u - step_at(id.xy, id.z, k);
         var last = start;
@@ -65,11 +65,11 @@ fn visit(id: vec3<u32>, workgroup: vec3<u32>) {
             last--;
         }
         if (last != 0u) {
-            before = log_luma_of(sensor, mean_at(id.xy, id.z, last - 1u));
+            before = log_luminance_of(sensor, mean_at(id.xy, id.z, last - 1u));
         }
-        let now = log_luma_of(sensor, mean_at(id.xy, id.z, k));
+        let now = log_luminance_of(sensor, mean_at(id.xy, id.z, k));
         let span = span_between(start, k);
-        let run = run_around(sensor, id.xy, id.z, start, k, before, now, memory.log_luma);
+        let run = run_around(sensor, id.xy, id.z, start, k, before, now, memory.log_luminance);
         var l = before;
         for (var piece = 0u; piece < select(1u, PIECES, CURVE); piece++) {
             var piece_end = now;

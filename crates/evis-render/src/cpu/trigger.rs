@@ -3,9 +3,13 @@
 use evis_core::SensorConfig;
 use evis_core::trigger::{PixelState, decide, fire_time_us};
 
-/// `mean_at` in `trigger/count.wgsl`, then `log_luma_of` in `trigger/sample.wgsl`: mean in linear light, then the
+/// `mean_at` in `trigger/count.wgsl`, then `log_luminance_of` in `trigger/sample.wgsl`: mean in linear light, then the
 /// logarithm.
-pub fn log_luma(samples: impl ExactSizeIterator<Item = f32>, reference_luminance: f32, log_eps: f32) -> f32 {
+pub fn log_luminance(
+    samples: impl ExactSizeIterator<Item = f32>,
+    reference_luminance: f32,
+    log_eps: f32,
+) -> f32 {
     let share = 1.0 / samples.len() as f32;
     let sum: f32 = samples.fold(0.0, |a, b| a + b);
     let y = (sum * share).clamp(0.0, 1e30);
@@ -43,16 +47,16 @@ pub fn curve(before: Option<f32>, at: [f32; 2], after: Option<f32>) -> [f32; PIE
     })
 }
 
-/// One pixel's events over a block of which it is sampled at `log_lumas`, along curves; otherwise as [`walk`], of a pixel
+/// One pixel's events over a block of which it is sampled at `log_luminances`, along curves; otherwise as [`walk`], of a pixel
 /// that has a state.
 pub fn walk_curves(
     config: &SensorConfig,
     state: &mut Option<PixelState>,
-    log_lumas: &[f32],
+    log_luminances: &[f32],
     times: &[u32],
 ) -> Vec<(u32, bool)> {
-    let known = state.map(|old| old.log_luma);
-    let samples: Vec<f32> = known.into_iter().chain(log_lumas.iter().copied()).collect();
+    let known = state.map(|old| old.log_luminance);
+    let samples: Vec<f32> = known.into_iter().chain(log_luminances.iter().copied()).collect();
     let mut events = Vec::new();
     for (k, at) in samples.array_windows().enumerate() {
         let before = k.checked_sub(1).map(|before| samples[before]);
@@ -72,22 +76,22 @@ pub fn walk_curves(
 pub fn walk(
     config: &SensorConfig,
     state: &mut Option<PixelState>,
-    log_lumas: &[f32],
+    log_luminances: &[f32],
     times: &[u32],
 ) -> Vec<(u32, bool)> {
     let mut events = Vec::new();
-    for (k, &log_luma) in log_lumas.iter().enumerate() {
+    for (k, &log_luminance) in log_luminances.iter().enumerate() {
         let Some(old) = *state else {
-            *state = Some(PixelState { reference_log: log_luma, log_luma });
+            *state = Some(PixelState { reference_log: log_luminance, log_luminance });
             continue;
         };
-        let decision = decide(config, old, log_luma);
+        let decision = decide(config, old, log_luminance);
         let (start, interval) = (times[k], times[k + 1] - times[k]);
         for i in 1..=decision.count {
             let on = decision.polarity == evis_core::Polarity::On;
             events.push((start + fire_time_us(config, &decision, i, interval), on));
         }
-        *state = Some(PixelState { reference_log: decision.reference_log, log_luma });
+        *state = Some(PixelState { reference_log: decision.reference_log, log_luminance });
     }
     events
 }

@@ -1,5 +1,8 @@
 //! Texture arrays and their views.
 
+/// Depth: reverse z with an infinite far plane.
+pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
+
 /// A texture array of `[width, height, layers]`.
 pub fn array(
     device: &wgpu::Device,

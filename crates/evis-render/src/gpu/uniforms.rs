@@ -205,7 +205,7 @@ pub struct PixelMemory {
     /// Reference of the next event.
     pub reference_log: f32,
     /// Log intensity at the last sample.
-    pub log_luma: f32,
+    pub log_luminance: f32,
 }
 
 /// `Status` in `trigger/layout.wgsl`.

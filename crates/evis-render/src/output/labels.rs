@@ -10,11 +10,12 @@ use crate::error::EngineError;
 use crate::frame::draw::{Drawing, attachment, depth_attachment, draw_surfaces};
 use crate::gpu::commands::Commands;
 use crate::gpu::sizes::DeviceLimits;
+use crate::gpu::texture::DEPTH_FORMAT;
 use crate::gpu::uniforms::LabelFrame as LabelUniform;
 use crate::pass::labels::{
     APPEARANCE_FORMATS, GEOMETRY_FORMATS, LabelTargets, appearance_pipelines, targets,
 };
-use crate::pass::raster::{DEPTH_FORMAT, Pipelines, SceneConstants, SurfaceLayouts, WHOLE_PIXEL_TAPS};
+use crate::pass::raster::{Pipelines, SceneConstants, SurfaceLayouts, WHOLE_PIXEL_TAPS};
 use crate::pass::sky;
 use crate::raster::context::Context;
 use crate::raster::geometry::{GeometryPass, GeometryRenderer, NO_FLOW, sky_flow};

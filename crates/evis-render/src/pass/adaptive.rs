@@ -1,4 +1,4 @@
-//! `adaptive/mean.wgsl`: the mean of the samples in the tiles that were drawn. Twin: `cpu/trigger.rs`, `log_luma`.
+//! `adaptive/mean.wgsl`: the mean of the samples in the tiles that were drawn. Twin: `cpu/trigger.rs`, `log_luminance`.
 
 use crate::pass::{Access, Binding, ComputePass, bind};
 

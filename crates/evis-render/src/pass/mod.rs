@@ -1,4 +1,4 @@
-//! Passes: one name in four places (declaration here, shader, CPU twin, test).
+//! Bindings and pipelines of every pass. A pass with arithmetic of its own has a CPU twin of the same name and a test.
 
 pub mod adaptive;
 pub mod labels;
@@ -10,6 +10,7 @@ pub mod splat;
 pub mod trigger;
 
 use crate::gpu::commands::Commands;
+use crate::gpu::texture::DEPTH_FORMAT;
 use crate::gpu::{shader, sizes};
 
 /// What a shader does with a binding.
@@ -254,7 +255,7 @@ pub fn covering(
         },
         primitive: wgpu::PrimitiveState::default(),
         depth_stencil: Some(wgpu::DepthStencilState {
-            format: raster::DEPTH_FORMAT,
+            format: DEPTH_FORMAT,
             depth_write_enabled: Some(writes_depth),
             depth_compare: Some(passes),
             stencil: wgpu::StencilState::default(),

@@ -4,6 +4,7 @@
 use std::collections::HashMap;
 
 use crate::gpu::sizes::UNIFORM_ALIGNMENT;
+use crate::gpu::texture::DEPTH_FORMAT;
 use crate::gpu::uniforms::{Frame, InstanceRecord, LightRecord};
 use crate::gpu::variant::{
     Attribute, INSTANCE_LOCATION, INSTANCE_SLOT, INSTANCE_VECTORS, Interface, LightSet, SurfaceVariant,
@@ -13,9 +14,6 @@ use crate::pass::{Access, Binding, Shader, bind, layout, pipeline_layout};
 
 /// Luminance targets. 16 bits would quantise time: a step of 2^-11 at C = 0.2 is a quarter of a percent of a threshold.
 pub const LUMINANCE_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
-
-/// Reverse z with an infinite far plane.
-pub const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
 
 /// Bytes of a frame with its lights, as bound.
 pub const fn frame_bytes(light_count: u32) -> u64 {

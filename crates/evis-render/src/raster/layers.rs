@@ -1,8 +1,8 @@
 //! Textures that luminance is rendered into, a layer per sample and instant.
 
 use crate::gpu::commands::Commands;
-use crate::gpu::texture::{array, each, row_bytes, whole};
-use crate::pass::raster::{DEPTH_FORMAT, LUMINANCE_FORMAT};
+use crate::gpu::texture::{DEPTH_FORMAT, array, each, row_bytes, whole};
+use crate::pass::raster::LUMINANCE_FORMAT;
 
 /// Luminance layers, and what is needed to render into them.
 pub struct Layers {

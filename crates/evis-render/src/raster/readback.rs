@@ -23,8 +23,7 @@ pub fn mean_luminance(
     MovingShadows::new(&frame_group, &view, 1).show(context, &mut encoder, 0, 0);
     if let Some(resampler) = context.resampler(&view[0]) {
         encode_distorted(context, &mut encoder, resampler, &frame_group, 0, &layers.each[0]);
-        let mean = read_layers(context, encoder, layers, 1)?;
-        return Ok(mean.into_iter().flatten().map(f64::from).collect());
+        return Ok(read_means(context, encoder, layers, (1, 1))?.swap_remove(0));
     }
     encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0, None);
     read_mean(context, encoder, layers)
@@ -32,40 +31,48 @@ pub fn mean_luminance(
 
 /// Runs `encoder` and reads the mean over the samples in `layers` back, row-major from the top.
 pub fn read_mean(context: &Context, encoder: Commands, layers: &Layers) -> Result<Vec<f64>, EngineError> {
-    let samples = context.offsets.len();
-    let read = read_layers(context, encoder, layers, samples as u32)?;
-    let pixels = layers.width as usize * layers.height as usize;
-    let mean = |p: usize| read.iter().map(|layer| f64::from(layer[p])).sum::<f64>() / samples as f64;
-    Ok((0..pixels).map(mean).collect())
+    Ok(read_means(context, encoder, layers, (1, context.offsets.len()))?.swap_remove(0))
 }
 
-/// Runs `encoder` and reads the first `count` of `layers` back, each row-major from the top.
-pub fn read_layers(
+/// Runs `encoder` and reads the means of the first `count` groups of `samples` layers back, each row-major from the top.
+pub fn read_means(
     context: &Context,
     mut encoder: Commands,
     layers: &Layers,
-    count: u32,
-) -> Result<Vec<Vec<f32>>, EngineError> {
+    (count, samples): (usize, usize),
+) -> Result<Vec<Vec<f64>>, EngineError> {
+    let all = (count * samples) as u32;
     let staging = context.gpu.device.create_buffer(&wgpu::BufferDescriptor {
         label: Some("luminance for the host"),
-        size: layers.host_bytes(count),
+        size: layers.host_bytes(all),
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
         mapped_at_creation: false,
     });
-    layers.encode_read(&mut encoder, &staging, count);
+    layers.encode_read(&mut encoder, &staging, all);
     let submission = encoder.submit(&context.gpu);
     let mapped = map(&staging);
     wait_mapped(&context.gpu, &submission, &mapped)?;
     let bytes = staging
         .get_mapped_range(..)
         .map_err(|e| EngineError::Device(format!("cannot read the luminance back: {e}")))?;
-    let pixels = |row: &[u8]| -> Vec<f32> {
-        row.chunks_exact(4).take(layers.width as usize).map(bytemuck::pod_read_unaligned).collect()
-    };
-    Ok(bytes
-        .chunks_exact(layers.host_bytes(1) as usize)
-        .map(|layer| layer.chunks_exact(row_bytes(layers.width) as usize).flat_map(pixels).collect())
-        .collect())
+    let group = layers.host_bytes(samples as u32) as usize;
+    let mean = |bytes: &[u8]| mean_of_layers(bytes, [layers.width, layers.height], samples);
+    Ok(bytes.chunks_exact(group).map(mean).collect())
+}
+
+/// Mean of the `samples` layers in `bytes`, as [`Layers::encode_read`] has them: row-major from the top.
+pub fn mean_of_layers(bytes: &[u8], [width, height]: [u32; 2], samples: usize) -> Vec<f64> {
+    let (width, height, row) = (width as usize, height as usize, row_bytes(width) as usize);
+    let mut sums = vec![0.0; width * height];
+    for layer in bytes.chunks_exact((row * height).max(1)).take(samples) {
+        for (sums, bytes) in sums.chunks_exact_mut(width).zip(layer.chunks_exact(row)) {
+            for (sum, value) in sums.iter_mut().zip(bytes.as_chunks::<4>().0) {
+                *sum += f64::from(f32::from_le_bytes(*value));
+            }
+        }
+    }
+    sums.iter_mut().for_each(|sum| *sum /= samples as f64);
+    sums
 }
 
 /// `Y_ref` that brings the log-mean of the first camera's lit pixels at the start to 0.18 (Reinhard's middle grey).

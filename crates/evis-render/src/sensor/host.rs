@@ -13,8 +13,8 @@ use rayon::prelude::*;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
-use crate::gpu::texture::row_bytes;
 use crate::raster::context::Context;
+use crate::raster::readback::mean_of_layers;
 use crate::sensor::group::{Group, Unit};
 use crate::sensor::targets::Targets;
 use crate::world::view::View;
@@ -184,19 +184,6 @@ fn walker(settings: &EmulatorConfig, view: &View) -> Result<EventEmulator, Confi
 
 /// Mean of `samples` layers, row-major; NaN where it is not known. As [`crate::Simulator::luminance`] has it.
 fn mean(layers: &[u8], targets: &Targets, samples: usize) -> Vec<f32> {
-    let (width, height) = (targets.width as usize, targets.height as usize);
-    let row = row_bytes(targets.width) as usize;
-    let mut sums = vec![0.0_f64; width * height];
-    for layer in layers.chunks_exact((row * height).max(1)) {
-        for (sums, bytes) in sums.chunks_exact_mut(width).zip(layer.chunks_exact(row)) {
-            for (sum, value) in sums.iter_mut().zip(bytes.as_chunks::<4>().0) {
-                *sum += f64::from(f32::from_le_bytes(*value));
-            }
-        }
-    }
-    let light = |sum: f64| {
-        let mean = sum / samples as f64;
-        if mean < 0.0 { f32::NAN } else { mean.min(LIGHT_LIMIT) as f32 }
-    };
-    sums.into_iter().map(light).collect()
+    let light = |mean: f64| if mean < 0.0 { f32::NAN } else { mean.min(LIGHT_LIMIT) as f32 };
+    mean_of_layers(layers, [targets.width, targets.height], samples).into_iter().map(light).collect()
 }

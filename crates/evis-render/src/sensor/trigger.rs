@@ -1,4 +1,4 @@
-//! One submission: some instants of a group of views, from poses to events in a staging buffer.
+//! The dispatches that make events of luminance layers: count, prefixes of blocks, scan, emit.
 
 use crate::config::grid::SampleGrid;
 use crate::gpu::Gpu;

@@ -349,7 +349,7 @@ fn host_and_shader_structs_have_one_layout() {
         uniforms::ViewSensor { threshold_on, threshold_off, log_eps, inverse_reference_luminance }
     );
     same_layout!("chain/dense.wgsl", "WindowBounds", uniforms::WindowBounds { start, end });
-    same_layout!("trigger/count.wgsl", "PixelMemory", uniforms::PixelMemory { reference_log, log_luma });
+    same_layout!("trigger/count.wgsl", "PixelMemory", uniforms::PixelMemory { reference_log, log_luminance });
     same_layout!(
         "trigger/count.wgsl",
         "Status",

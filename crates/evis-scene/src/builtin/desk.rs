@@ -4,7 +4,8 @@ use std::f64::consts::{FRAC_PI_2, TAU};
 
 use glam::{DMat4, DQuat, DVec3};
 
-use super::{Assembly, Dice, class, labels, paint};
+use super::class;
+use super::parts::{Assembly, Dice, labels, paint};
 use crate::builder::{EventCamera, Placement, SceneBuilder, ShapeSettings, still};
 use crate::error::SceneError;
 use crate::model::{Light, Material, Mesh, Scene, Trs};

@@ -4,7 +4,8 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DQuat, DVec3};
 
-use super::{class, paint};
+use super::class;
+use super::parts::paint;
 use crate::builder::{EventCamera, Placement, SceneBuilder, ShapeSettings, still};
 use crate::error::SceneError;
 use crate::model::{Material, Scene, Trs};

@@ -4,7 +4,8 @@ use std::f64::consts::FRAC_PI_2;
 
 use glam::{DQuat, DVec3};
 
-use super::{Dice, class, paint};
+use super::class;
+use super::parts::{Dice, paint};
 use crate::builder::{EventCamera, Placement, SceneBuilder, ShapeSettings};
 use crate::error::SceneError;
 use crate::model::{Light, Material, Scene};

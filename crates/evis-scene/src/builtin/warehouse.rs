@@ -2,7 +2,8 @@
 
 use glam::{DQuat, DVec3};
 
-use super::{Assembly, Dice, class, labels, paint};
+use super::class;
+use super::parts::{Assembly, Dice, labels, paint};
 use crate::builder::{EventCamera, Placement, SceneBuilder, ShapeSettings};
 use crate::error::SceneError;
 use crate::model::{Light, Material, Mesh, Scene, Trs};

@@ -5,7 +5,6 @@ use std::f64::consts::{PI, TAU};
 use glam::{DVec3, Vec3, Vec4};
 use rayon::prelude::*;
 
-use super::Environment;
 use super::brdf::hammersley;
 use super::cube::{CubeMap, FACES, cube_direction, cube_solid_angle, edge, resolve, texel, texel_direction};
 use super::equirect::{Equirect, equirect_from_direction};
@@ -27,22 +26,21 @@ const SPECULAR_SAMPLES: [u32; SPECULAR_LEVELS] = [1, 64, 256, 512, 1024, 2048];
 const PATCH_COLUMNS: usize = 256;
 const PATCHES_PER_TILE: usize = 4;
 
-/// All that a map gives.
-pub(super) fn build(name: &str, map: &Equirect) -> Environment {
+/// What an environment shows, with a full mip chain, and what it lights with; see [`super::Environment`].
+pub(super) struct Cubes {
+    pub sky: CubeMap,
+    pub irradiance: CubeMap,
+    pub specular: CubeMap,
+}
+
+/// Filters `map`.
+pub(super) fn build(map: &Equirect) -> Cubes {
     let size = sky_size(map.height);
     // Two by two texels of the map to one of the sky at most: the points then see every one of them.
     let reduced = map.reduced(2 * size);
     let map = reduced.as_ref().unwrap_or(map);
     let sky = Pyramid::from_map(map, size);
-    Environment {
-        name: name.to_owned(),
-        irradiance: irradiance(map),
-        specular: specular(&sky),
-        sky: sky.cube(),
-        intensity: 1.0,
-        rotation: 0.0,
-        visible: true,
-    }
+    Cubes { irradiance: irradiance(map), specular: specular(&sky), sky: sky.cube() }
 }
 
 /// Half the map's height, rounded to the nearest power of two (in the logarithm), within [`SKY_SIZES`].

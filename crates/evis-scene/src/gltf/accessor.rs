@@ -3,7 +3,7 @@
 use ::gltf::json::accessor::{ComponentType, Type};
 use ::gltf::json::validation::Checked;
 
-use super::{Document, element, label};
+use super::document::{Document, element, label};
 
 /// Elements that an accessor without any buffer (all zero) may have.
 const MAX_ZEROS: usize = 1 << 22;

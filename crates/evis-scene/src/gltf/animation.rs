@@ -7,7 +7,7 @@ use ::gltf::json::accessor::Type;
 use ::gltf::json::animation::{Interpolation as Rule, Property};
 use ::gltf::json::validation::Checked;
 
-use super::{Document, element, label};
+use super::document::{Document, element, label};
 use crate::error::SceneError;
 use crate::model::Scene;
 use crate::motion::{Curve, Interpolation};

@@ -9,7 +9,8 @@ use ::gltf::json::validation::Checked;
 use rayon::prelude::*;
 use serde_json::Value;
 
-use super::{Document, element, file, label};
+use super::document::{Document, element, label};
+use super::file;
 use crate::image::{Transfer, decode_within};
 use crate::model::{AlphaMode, Image, Material, Scene, ShadingModel, Texture, TextureRef, Wrap};
 

@@ -5,7 +5,7 @@ use ::gltf::json::accessor::Type;
 use ::gltf::json::mesh::{Mode, Semantic};
 use ::gltf::json::validation::Checked;
 
-use super::{Document, label};
+use super::document::{Document, label};
 use crate::model::{Mesh, MorphTarget, Primitive, Scene};
 
 /// Appends the file's meshes.

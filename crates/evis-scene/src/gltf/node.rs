@@ -9,7 +9,7 @@ use glam::{DMat4, DQuat, Vec3};
 use serde_json::Value;
 
 use super::animation::{Track, Tracks};
-use super::{Document, element, label};
+use super::document::{Document, element, label};
 use crate::model::{Camera, Lens, Light, LightKind, Node, Scene, Skin, Trs};
 use crate::motion::{Curve, Motion};
 

@@ -1,7 +1,10 @@
 //! The suite as a picture: a row per failure, a column per method; a mark, a number, and a bar for F1.
 
+use std::path::Path;
+
 use plotters::backend::DrawingBackend;
 
+use super::super::file;
 use super::table::{f1, short};
 use super::{Cell, FailureReport};
 use crate::canvas::{Align, Canvas, Drawing, text_width};
@@ -9,6 +12,16 @@ use crate::error::ChartError;
 use crate::ink::{AXIS_TITLE, FINE_GRID, GRID, HINT, LABEL, LEGEND, SOFT_INK, SUBTITLE, TITLE, WIDER};
 use crate::label::Rect;
 use crate::marker::{self, Style};
+
+impl FailureReport {
+    /// Draws the table to `path`, as SVG or PNG by its ending.
+    ///
+    /// # Errors
+    /// Another ending, nothing to draw, a file that cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
+        file::save(&figure(self)?, path)
+    }
+}
 
 const MARGIN: f64 = 22.0;
 const HEAD: f64 = 92.0;

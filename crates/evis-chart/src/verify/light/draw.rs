@@ -1,14 +1,27 @@
 //! Light as a picture of differences: darker is farther off, the hue tells the sign.
 
+use std::path::Path;
+
 use plotters::backend::DrawingBackend;
 use plotters::style::RGBColor;
 
+use super::super::file;
 use super::LightReport;
 use crate::canvas::{Align, Canvas, Colour, Drawing, text_width};
 use crate::error::ChartError;
 use crate::ink::{AXIS, LEGEND, SUBTITLE, TITLE, WIDER};
 use crate::label::Rect;
 use crate::ladder::number;
+
+impl LightReport {
+    /// Draws the differences to `path`, as SVG or PNG by its ending.
+    ///
+    /// # Errors
+    /// Another ending, nothing to draw, a file that cannot be written.
+    pub fn save(&self, path: &Path) -> Result<(), ChartError> {
+        file::save(&figure(self)?, path)
+    }
+}
 
 const MARGIN: f64 = 22.0;
 const HEAD: f64 = 62.0;

@@ -40,18 +40,18 @@ mod repair;
 mod store;
 mod truth;
 mod units;
+mod whole;
 mod writer;
 
 use std::hash::Hasher as _;
-use std::path::Path;
 
 use crate::fnv::Fnv;
-use crate::format::{EventFile, FormatError};
 use crate::packet::{CameraInfo, LabelData, LabelKind};
 
 pub use reader::Recording;
 pub use repair::{Hole, RepairReport, check, repair};
 pub use truth::stored_sensor;
+pub use whole::read_events;
 pub use writer::{RecordingExtras, RecordingWriter};
 
 /// Version of the layout, in the attribute `/evis@version`.
@@ -189,21 +189,6 @@ pub struct Bodies {
     pub t_us: Vec<i64>,
     /// For each time, one for each body.
     pub samples: Vec<Vec<BodySample>>,
-}
-
-/// The events of `camera` (the only one, where there is no name) of a recording, with its size and the length that the file
-/// states.
-///
-/// # Errors
-/// A file that cannot be read, a camera that is not there.
-pub fn read_events(path: &Path, camera: Option<&str>) -> Result<EventFile, FormatError> {
-    let recording = Recording::open(path)?;
-    let index = recording.find_camera(camera)?;
-    let events = recording.events(index)?;
-    let size = recording.header().cameras.get(index).map_or((1, 1), |camera| (camera.width, camera.height));
-    let past = events.last().map_or(0, |event| event.t.saturating_add(1));
-    let end_us = truth::stated_duration(&recording)?.unwrap_or(0).max(past);
-    Ok(EventFile { range: (0.min(events.first().map_or(0, |event| event.t)), end_us), events, size })
 }
 
 /// Element type of a label data set.

@@ -5,7 +5,7 @@ use evis_core::{SensorConfig, TriggerRule};
 
 use crate::config::Interpolation;
 use crate::config::grid::SampleGrid;
-use crate::cpu::trigger::{PIECES, curve, log_luma, walk, walk_curves};
+use crate::cpu::trigger::{PIECES, curve, log_luminance, walk, walk_curves};
 use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
@@ -211,11 +211,15 @@ fn config_of(sensor: &ViewSensor, trigger: TriggerRule) -> SensorConfig {
 const BAND: f32 = 4e-5;
 
 /// What the twin says of one pixel, and whether any of its decisions lies within the band.
-fn twin(config: &SensorConfig, log_lumas: &[f32], times: &[u32]) -> (Vec<(u32, bool)>, PixelState, bool) {
+fn twin(
+    config: &SensorConfig,
+    log_luminances: &[f32],
+    times: &[u32],
+) -> (Vec<(u32, bool)>, PixelState, bool) {
     let mut near = false;
     let mut state = None;
     let mut events = Vec::new();
-    for (k, &l) in log_lumas.iter().enumerate() {
+    for (k, &l) in log_luminances.iter().enumerate() {
         // Unknown: passed by.
         if l.is_nan() {
             continue;
@@ -226,7 +230,7 @@ fn twin(config: &SensorConfig, log_lumas: &[f32], times: &[u32]) -> (Vec<(u32, b
             let steps = change.abs() / threshold;
             near |= steps > 0.5 && (steps - steps.round()).abs() * threshold < BAND;
         }
-        events.extend(walk(config, &mut state, &log_lumas[k..=k], &times[k..=k + 1]));
+        events.extend(walk(config, &mut state, &log_luminances[k..=k], &times[k..=k + 1]));
     }
     (events, state.unwrap(), near)
 }
@@ -268,7 +272,7 @@ fn compare(
                     if layers[first][pixel as usize] < 0.0 {
                         return f32::NAN;
                     }
-                    log_luma(samples, 1.0 / sensor.inverse_reference_luminance, config.log_eps)
+                    log_luminance(samples, 1.0 / sensor.inverse_reference_luminance, config.log_eps)
                 })
                 .collect();
             let (expected, state, near) = twin(&config, &lumas, &times);
@@ -292,7 +296,7 @@ fn compare(
             }
             let memory = ran.memory[((view * HEIGHT + y) * WIDTH + x) as usize];
             if (memory.reference_log - state.reference_log).abs() > BAND
-                || (memory.log_luma - state.log_luma).abs() > BAND
+                || (memory.log_luminance - state.log_luminance).abs() > BAND
             {
                 out.wrong.push(format!("({x}, {y}) view {view}: memory {memory:?}, twin {state:?}"));
             }
@@ -346,7 +350,7 @@ fn twin_of_blocks(
     times: &[u32],
     between: Interpolation,
 ) -> Vec<(u32, bool)> {
-    let mut state = Some(PixelState { reference_log: 0.0, log_luma: 0.0 });
+    let mut state = Some(PixelState { reference_log: 0.0, log_luminance: 0.0 });
     let walk = if between == Interpolation::Curve { walk_curves } else { walk };
     let mut events = Vec::new();
     for (block, log2_stride) in tile_rates.iter().enumerate() {
@@ -393,7 +397,7 @@ fn curves_between_samples_equal_their_twin() {
                     .map(|k| {
                         let y = layers[(view * unit.instants + k) as usize][pixel as usize];
                         let y_ref = 1.0 / sensor.inverse_reference_luminance;
-                        log_luma(std::iter::once(y), y_ref, config.log_eps)
+                        log_luminance(std::iter::once(y), y_ref, config.log_eps)
                     })
                     .collect();
                 let tile = y / TILE * tiles_along(WIDTH) + x / TILE;
