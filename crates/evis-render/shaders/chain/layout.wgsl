@@ -1,4 +1,5 @@
 #import common/mean.wgsl
+#import common/unknown.wgsl
 #import trigger/layout.wgsl
 // The whole sensor chain of a pixel: what is bound, what is on, what is remembered. Twins: sensor/chain.rs, gpu/uniforms.rs.
 

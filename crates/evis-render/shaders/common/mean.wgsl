@@ -1,8 +1,6 @@
 // Mean of a pixel's samples in linear light. What a method does not know is -1, in the only sample that it then has.
 
 override SAMPLES: u32 = 1;
-// Whether a method may leave a pixel unknown; such an instant passes the pixel by.
-override MAY_BE_UNKNOWN: bool = false;
 
 // `first` is the layer of the first sample. Who imports this binds `luminance_layers`: naga writes no storage texture as an
 // argument for Metal.
@@ -12,8 +10,4 @@ fn mean_of_samples(pixel: vec2<u32>, first: u32) -> f32 {
         sum += textureLoad(luminance_layers, pixel, first + s).r;
     }
     return sum * (1.0 / f32(SAMPLES));
-}
-
-fn is_unknown(mean: f32) -> bool {
-    return MAY_BE_UNKNOWN && mean < 0.0;
 }

@@ -1,3 +1,4 @@
+#import common/unknown.wgsl
 #import trigger/layout.wgsl
 // From a pixel's light to the logarithm that its thresholds see. Twin: cpu/trigger.rs, log_luminance.
 

@@ -20,6 +20,7 @@ shaders![
     "common/luminance.wgsl",
     "common/sky_vertex.wgsl",
     "common/triangle.wgsl",
+    "common/unknown.wgsl",
     "raster/vertex.wgsl",
     "raster/stage.wgsl",
     "raster/material.wgsl",
