@@ -108,7 +108,7 @@ def test_light_is_compared(spinner: evis.Scene, tmp_path: Path):
 
 
 def test_what_cannot_be_verified_is_told(spinner: evis.Scene):
-    with pytest.raises(evis.ConfigError, match=r"triggers has .swing."):
+    with pytest.raises(evis.ConfigError, match="triggers is 'swing'; it must be 'crossing' or 'latch'"):
         evis.measure.verify_scene(spinner, triggers=["swing"])  # type: ignore[list-item]
     with pytest.raises(evis.ConfigError, match="samples is empty"):
         evis.measure.verify_scene(spinner, samples=[])

@@ -308,9 +308,7 @@ class Simulator:
             if exposure_us is None
             else _check.whole("exposure_us", exposure_us, 0, _check.MOST_US, " microseconds"),
             camera_motion=motion_text(camera_motion),
-            camera_speed=None
-            if camera_speed is None
-            else _check.number("camera_speed", camera_speed, " pixels per second"),
+            camera_speed=None if camera_speed is None else _speed(camera_speed),
             reference_luminance=_check.number_or_none("reference_luminance", reference_luminance),
             poses=list(self._driven),
             materials=list(self._changed),
@@ -885,6 +883,13 @@ def _start_us(start: Any) -> int:
     if not 0 <= start_us <= 86_400_000_000:
         raise ConfigError(f"start is {start}; it must be between 0 and 86400 seconds")
     return start_us
+
+
+def _speed(camera_speed: Any) -> float:
+    speed = _check.number("camera_speed", camera_speed, " pixels per second")
+    if not 0.01 <= speed <= 100_000:
+        raise ConfigError(f"camera_speed is {speed:g}; it must be from 0.01 to 100000 pixels per second")
+    return speed
 
 
 def _word(value: object) -> str | None:
