@@ -277,7 +277,7 @@ pub fn on_cell(occluder: [DVec3; 4], cell: [DVec3; 4], place: DVec3, weight: f64
 
 /// Whether the shadow of a polygon from a lamp misses another one throughout a block; corners in the world at its start, middle
 /// and end, and the lamp's places (directions to it where `weight` is 0). What only touches is missed. Plane by plane of
-/// [`volume`], since most shadows miss by one of the first.
+/// `volume`, since most shadows miss by one of the first.
 pub fn misses(
     occluder: &[[DVec3; 4]; 3],
     receiver: &[[DVec3; 4]; 3],

@@ -208,7 +208,7 @@ impl LensTiles {
     /// Those of camera `camera` in `variant`, whose picture without distortion is that of `lens`; `None` for a pinhole.
     ///
     /// # Errors
-    /// A lens that sees farther from its axis than [`WIDEST_DEGREES`], or nothing.
+    /// A lens that sees farther from its axis than `WIDEST_DEGREES`, or nothing.
     pub fn new(
         scene: &Scene,
         variant: Option<&Variant>,

@@ -1,4 +1,4 @@
-//! The Python module `evis._evis`: converts arguments, calls the engine without the GIL ([`gil`]), converts results.
+//! The Python module `evis._evis`: converts arguments, calls the engine without the GIL (module `gil`), converts results.
 
 mod bodies;
 mod chart;
