@@ -507,6 +507,26 @@ mod tests {
     }
 
     #[test]
+    fn what_is_named_is_measured_whole_and_what_is_left_out_is_not() {
+        let asked = |request: LadderRequest| Ladder::from(request);
+        assert_eq!(asked(LadderRequest::default()), Ladder::default());
+        assert_eq!(asked(LadderRequest { quick: true, ..Default::default() }), Ladder::quick());
+        let named = LadderRequest { samples: Some(vec![64]), edges: Some(false), ..Default::default() };
+        let expected = Ladder { samples: vec![64], edges: false, most_samples_hz: None, ..Ladder::default() };
+        assert_eq!(asked(named), expected);
+        let latches = LadderRequest { latch_hz: Some(vec![500.0]), ..Default::default() };
+        assert_eq!(asked(latches), Ladder { latch_hz: vec![500.0], ..Ladder::default() });
+        let bare = asked(LadderRequest {
+            no_published: true,
+            no_splat: true,
+            no_adaptive: true,
+            ..Default::default()
+        });
+        assert!(!bare.published && bare.splat.is_empty() && !bare.splat_triggers);
+        assert!(bare.adaptive_px.is_empty() && bare.presets.is_empty() && !bare.decoupled);
+    }
+
+    #[test]
     fn ladders_that_cannot_run_are_refused() {
         let none = Ladder {
             rates_hz: vec![],

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use evis_core::LabelKind;
 use evis_core::format::hdf5::Recording;
 use evis_format::{
     BagImport, ConvertOptions, DsecExport, EventReader, Extent, Format, FormatError, McapExport, ReadOptions,
@@ -188,12 +189,10 @@ pub(crate) fn format_of(path: &Path) -> anyhow::Result<Format> {
 fn left_out(input: &Path, camera: Option<&str>) -> Vec<String> {
     let Ok(recording) = Recording::open(input) else { return Vec::new() };
     let Ok(index) = recording.find_camera(camera) else { return Vec::new() };
-    let mut images: Vec<(u64, String)> = Vec::new();
-    let kinds = recording.label_kinds(index).unwrap_or_default();
-    for &kind in kinds {
+    let images = recording.label_kinds(index).unwrap_or_default().iter().map(|&kind| {
         let count = recording.label_times(index, kind).map_or(0, |times| times.len());
-        images.push((count as u64, format!("images of {}", kind.name())));
-    }
+        (count as u64, format!("images of {}", kind.name()))
+    });
     let units = recording.imus().unwrap_or_default();
     let samples: usize = units.iter().filter_map(|name| recording.imu(name).ok()).map(|all| all.len()).sum();
     let poses = recording.poses(index).map_or(0, |poses| poses.len());
@@ -204,9 +203,9 @@ fn left_out(input: &Path, camera: Option<&str>) -> Vec<String> {
         (bodies as u64, "bodies".to_owned()),
     ];
     let mut named = vec!["the lens".to_owned()];
-    let there = images.into_iter().chain(counted).filter(|(count, _)| *count > 0);
+    let there = images.chain(counted).filter(|(count, _)| *count > 0);
     named.extend(there.map(|(count, name)| format!("{} {name}", text::grouped(count))));
-    if recording.causes(index, Some((0, 1))).is_ok_and(|causes| causes.is_some()) {
+    if recording.header().labels.contains(&LabelKind::Cause) {
         named.push("the causes of events".to_owned());
     }
     named.push("the settings".to_owned());

@@ -3,7 +3,9 @@
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 
-use evis_chart::{ChartError, ChartResult, ChartSettings, Criteria, Goal, Ladder, LadderRequest, draw};
+use evis_chart::{
+    ChartError, ChartResult, ChartSettings, Criteria, Goal, Ladder, LadderRequest, Progress, draw,
+};
 use evis_core::{ConfigError, SensorConfig};
 use evis_render::Gpu;
 use evis_truth::PixelChoice;
@@ -106,12 +108,22 @@ pub(crate) fn chart(
         cache: truth.cache,
     };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
+    measured(py, truth.device, |gpu, going| {
+        let made = evis_chart::chart(gpu, &scene.name, &scene, &settings, going)?;
+        ChartResult::new(vec![made]).to_json()
+    })
+}
+
+/// Measures on `device` what gives a text of JSON; Ctrl-C ends it.
+pub(crate) fn measured(
+    py: Python<'_>,
+    device: Option<String>,
+    measure: impl FnOnce(&Gpu, &Progress<'_>) -> Result<String, ChartError> + Send,
+) -> PyResult<String> {
     let stop = AtomicBool::new(false);
     py.detach_interruptible(&stop, || {
-        let gpu = Gpu::open(truth.device.as_deref())?;
-        let going = |_, _| !stop.load(Ordering::Relaxed);
-        let made = evis_chart::chart(&gpu, &scene.name, &scene, &settings, &going)?;
-        Ok::<_, Failure>(ChartResult::new(vec![made]).to_json()?)
+        let gpu = Gpu::open(device.as_deref())?;
+        Ok::<_, Failure>(measure(&gpu, &|_, _| !stop.load(Ordering::Relaxed))?)
     })
 }
 

@@ -1,16 +1,15 @@
 //! Reports of convergence. They cross as JSON, the same as `evis verify --json` writes.
 
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicBool, Ordering};
 
 use evis_chart::verify::failures::{NamedMethod, methods};
 use evis_chart::verify::{FailureSettings, LightSettings, Report, SceneSettings, verify_forms};
 use evis_core::Word as _;
 use evis_core::closed_form::convergence::Variant;
-use evis_render::{Gpu, Shadows};
+use evis_render::Shadows;
 use pyo3::prelude::*;
 
-use crate::chart::TruthRequest;
+use crate::chart::{TruthRequest, measured};
 use crate::errors::Failure;
 use crate::gil::Detach;
 use crate::scene::Scene;
@@ -48,12 +47,8 @@ pub(crate) fn verify_scene(
         cache: truth.cache,
     };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
-    let stop = AtomicBool::new(false);
-    py.detach_interruptible(&stop, || {
-        let gpu = Gpu::open(truth.device.as_deref())?;
-        let going = |_, _| !stop.load(Ordering::Relaxed);
-        let made = evis_chart::verify::verify_scene(&gpu, &scene.name, &scene, &settings, &going)?;
-        Ok::<_, Failure>(made.to_json()?)
+    measured(py, truth.device, |gpu, going| {
+        evis_chart::verify::verify_scene(gpu, &scene.name, &scene, &settings, going)?.to_json()
     })
 }
 
@@ -74,13 +69,9 @@ pub(crate) fn verify_failures(
         failures: failures.unwrap_or_default(),
         cache,
     };
-    let stop = AtomicBool::new(false);
-    py.detach_interruptible(&stop, || {
-        settings.check()?;
-        let gpu = Gpu::open(device.as_deref())?;
-        let going = |_, _| !stop.load(Ordering::Relaxed);
-        Ok::<_, Failure>(evis_chart::verify::verify_failures(&gpu, &settings, &going)?.to_json()?)
-    })
+    // Before a device is opened.
+    settings.check().map_err(Failure::from)?;
+    measured(py, device, |gpu, going| evis_chart::verify::verify_failures(gpu, &settings, going)?.to_json())
 }
 
 /// What light is compared at, as Python gives it: a dictionary with these keys.
@@ -103,12 +94,8 @@ pub(crate) fn verify_light(py: Python<'_>, scene: &Scene, asked: LightRequest) -
     let shadows = Shadows::of_word("shadows", &shadows).map_err(Failure::from)?;
     let settings = LightSettings { camera, size, at_us, samples, shadows, worst };
     let scene = scene.moved_by_default(py, settings.camera.as_ref(), settings.size)?;
-    let stop = AtomicBool::new(false);
-    py.detach_interruptible(&stop, || {
-        let gpu = Gpu::open(device.as_deref())?;
-        let going = |_, _| !stop.load(Ordering::Relaxed);
-        let made = evis_chart::verify::verify_light(&gpu, &scene.name, &scene, &settings, &going)?;
-        Ok::<_, Failure>(made.to_json()?)
+    measured(py, device, |gpu, going| {
+        evis_chart::verify::verify_light(gpu, &scene.name, &scene, &settings, going)?.to_json()
     })
 }
 

@@ -5,8 +5,10 @@ use super::{EmulatorReport, Environment, Push};
 use crate::event::Event;
 
 impl Environment {
-    /// Takes the sample that [`super::exposing::Exposing::load`] has read, of the end of `work`'s interval: light is straight since the last
+    /// Takes the sample that [`Exposing::load`] has read, of the end of `work`'s interval: light is straight since the last
     /// one. What pixels make of the frames that are complete with it goes to `events`.
+    ///
+    /// [`Exposing::load`]: super::exposing::Exposing::load
     pub(super) fn expose(&mut self, work: &Push<'_>, events: &mut Vec<Event>) {
         let mut report = EmulatorReport::default();
         // The light is taken out while the sensor model reads a frame.

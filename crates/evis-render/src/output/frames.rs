@@ -143,7 +143,7 @@ impl FrameRenderer {
             let mut encoder = Commands::new(&context.gpu, "frames");
             shadows.show(context, &mut encoder, 0, sample);
             encode_luminance(context, &mut encoder, layers, &frames, sample, 0, Some(&parts));
-            let light = read_mean(context, encoder, layers)?;
+            let light = read_mean(context, encoder, layers, context.offsets.len())?;
             let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
             for ((mean, light), (x, y)) in mean.iter_mut().zip(light).zip(pixels) {
                 if wanted(x / TILE, y / TILE) {

@@ -23,15 +23,20 @@ pub fn mean_luminance(
     MovingShadows::new(&frame_group, &view, 1).show(context, &mut encoder, 0, 0);
     if let Some(resampler) = context.resampler(&view[0]) {
         encode_distorted(context, &mut encoder, resampler, &frame_group, 0, &layers.each[0]);
-        return Ok(read_means(context, encoder, layers, (1, 1))?.swap_remove(0));
+        return read_mean(context, encoder, layers, 1);
     }
     encode_luminance(context, &mut encoder, layers, &frame_group, 0, 0, None);
-    read_mean(context, encoder, layers)
+    read_mean(context, encoder, layers, context.offsets.len())
 }
 
-/// Runs `encoder` and reads the mean over the samples in `layers` back, row-major from the top.
-pub fn read_mean(context: &Context, encoder: Commands, layers: &Layers) -> Result<Vec<f64>, EngineError> {
-    Ok(read_means(context, encoder, layers, (1, context.offsets.len()))?.swap_remove(0))
+/// Runs `encoder` and reads the mean of the first `samples` of `layers` back, row-major from the top.
+pub fn read_mean(
+    context: &Context,
+    encoder: Commands,
+    layers: &Layers,
+    samples: usize,
+) -> Result<Vec<f64>, EngineError> {
+    Ok(read_means(context, encoder, layers, (1, samples))?.swap_remove(0))
 }
 
 /// Runs `encoder` and reads the means of the first `count` groups of `samples` layers back, each row-major from the top.

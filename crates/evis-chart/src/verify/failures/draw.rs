@@ -4,7 +4,6 @@ use std::path::Path;
 
 use plotters::backend::DrawingBackend;
 
-use super::super::file;
 use super::table::{f1, short};
 use super::{Cell, FailureReport};
 use crate::canvas::{Align, Canvas, Drawing, text_width};
@@ -12,6 +11,7 @@ use crate::error::ChartError;
 use crate::ink::{AXIS_TITLE, FINE_GRID, GRID, HINT, LABEL, LEGEND, SOFT_INK, SUBTITLE, TITLE, WIDER};
 use crate::label::Rect;
 use crate::marker::{self, Style};
+use crate::verify::file;
 
 impl FailureReport {
     /// Draws the table to `path`, as SVG or PNG by its ending.

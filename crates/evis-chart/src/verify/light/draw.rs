@@ -5,13 +5,13 @@ use std::path::Path;
 use plotters::backend::DrawingBackend;
 use plotters::style::RGBColor;
 
-use super::super::file;
 use super::LightReport;
 use crate::canvas::{Align, Canvas, Colour, Drawing, text_width};
 use crate::error::ChartError;
 use crate::ink::{AXIS, LEGEND, SUBTITLE, TITLE, WIDER};
 use crate::label::Rect;
 use crate::ladder::number;
+use crate::verify::file;
 
 impl LightReport {
     /// Draws the differences to `path`, as SVG or PNG by its ending.
