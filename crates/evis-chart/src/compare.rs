@@ -4,9 +4,9 @@ use std::path::Path;
 
 use evis_core::stats::{Comparison, Stats};
 
-use crate::canvas;
 use crate::draw::PictureKind;
 use crate::error::ChartError;
+use crate::plot::canvas;
 use crate::verify::plot::{Figure, Line, Panel};
 
 /// A curve of a recording.

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use plotters::backend::DrawingBackend;
 
-use crate::canvas::{self, Align, Canvas, Drawing, text_width};
 use crate::error::ChartError;
-use crate::ink::{FRONT, LEGEND, ROW_TITLE, SOFT_INK, SUBTITLE, TITLE, WIDER};
-use crate::label::Rect;
 use crate::ladder::number;
-use crate::marker::{self, Style};
 use crate::panel::Panel;
+use crate::plot::canvas::{self, Align, Canvas, Drawing, text_width};
+use crate::plot::ink::{FRONT, LEGEND, ROW_TITLE, SOFT_INK, SUBTITLE, TITLE, WIDER};
+use crate::plot::label::Rect;
+use crate::plot::marker::{self, Style};
 use crate::result::{ChartResult, Criteria, Measure, SceneChart, tolerance};
 
 const MARGIN: f64 = 22.0;

@@ -1,22 +1,17 @@
 //! Speed against accuracy: a ladder of settings, each timed and each scored against truth, and what they look like.
 
-mod axis;
 mod cache;
-mod canvas;
 mod chart;
 pub mod compare;
 pub mod draw;
 mod error;
 pub mod front;
-mod indexed;
-mod ink;
-mod label;
 pub mod ladder;
 #[cfg(test)]
 mod made_up;
-mod marker;
 pub mod measure;
 mod panel;
+mod plot;
 pub mod recommend;
 pub mod result;
 pub mod verify;

@@ -3,14 +3,14 @@
 use plotters::backend::DrawingBackend;
 use plotters::style::WHITE;
 
-use crate::axis::{self, LogAxis};
-use crate::canvas::{Align, Canvas, Type, text_width};
 use crate::error::ChartError;
 use crate::front::Place;
-use crate::ink::{AXIS, AXIS_TITLE, FLOOR, FRONT, HINT, INK, LABEL, REAL_TIME, SOFT_INK, WIDER};
-use crate::label::{Obstacles, Placed, Rect, Wanted, place};
 use crate::ladder::number;
-use crate::marker::{self, Style};
+use crate::plot::axis::{self, LogAxis};
+use crate::plot::canvas::{Align, Canvas, Type, text_width};
+use crate::plot::ink::{AXIS, AXIS_TITLE, FLOOR, FRONT, HINT, INK, LABEL, REAL_TIME, SOFT_INK, WIDER};
+use crate::plot::label::{Obstacles, Placed, Rect, Wanted, place};
+use crate::plot::marker::{self, Style};
 use crate::result::{Criteria, Measure, Point, REAL_TIME_MS, SceneChart, tolerance};
 
 /// One pair of axes.

@@ -7,23 +7,17 @@ mod expose;
 mod exposing;
 pub(crate) mod frames;
 mod ideal;
-mod keyframe;
-mod last_keyframe;
-mod links;
-mod motion_check;
+mod keyframes;
 mod noise;
 mod numbering;
 mod order;
 pub mod parts;
-mod paths;
 mod plain;
 mod readout;
 pub(crate) mod receptor;
-mod scratch_pool;
 mod shape;
 mod state;
 pub mod tiled;
-mod warp;
 mod workers;
 
 use rayon::prelude::*;
@@ -38,17 +32,16 @@ use diffusion::Diffuse;
 use exposing::Exposing;
 use frames::{BLOCK, Source, TILE, Tables};
 use ideal::{Interval, Pixels, Tally};
-use last_keyframe::Keyframe;
+use keyframes::{Keyframe, ScratchPool};
 use numbering::Numbering;
 use order::{MAX_INTERVAL_US, Record, Span, append_sorted};
 use readout::Queue;
-use scratch_pool::ScratchPool;
 use workers::{Threads, WorkerPool};
 
 pub use frames::{FrameData, Frames, Transfer};
-pub use keyframe::{Cut, KeyframeReport, Keyframes, WARN_GAP_PX};
-pub use motion_check::{MotionCheck, check_motion};
-pub use warp::{Warp, WarpVariant};
+pub use keyframes::{
+    Cut, KeyframeReport, Keyframes, MotionCheck, WARN_GAP_PX, Warp, WarpVariant, check_motion,
+};
 
 /// Most environments of an emulator.
 const MOST_ENVIRONMENTS: usize = 1 << 16;

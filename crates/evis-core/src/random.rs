@@ -24,7 +24,7 @@ pub const fn mix(word: u64) -> u64 {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(u32)]
 pub enum StreamId {
-    /// Frozen thresholds.
+    /// Fixed pattern of thresholds.
     Pattern = 1,
     /// Which pixels are dead, and which are hot.
     Defects = 2,

@@ -1,7 +1,7 @@
 //! Presets against their sources: each peer's formula, written down again in f64 from its published code, on random frames.
 #![allow(clippy::unwrap_used, reason = "a test may panic")]
 
-use evis_core::emulator::parts::Frozen;
+use evis_core::emulator::parts::FixedPattern;
 use evis_core::random::Key;
 use evis_core::sensor::{FilterRule, NoiseReference, Pattern, Refractory, RefractoryRule};
 use evis_core::{
@@ -84,7 +84,7 @@ fn ours(sensor: &SensorConfig, frames: &[Vec<u8>], times: &[i64]) -> Vec<Vec<Fir
 
 /// Each pixel's thresholds, ON and OFF, which peers draw in their own ways.
 fn thresholds(sensor: &SensorConfig) -> Vec<(f64, f64)> {
-    let frozen = Frozen::draw(sensor, Key::new(SEED, 0, 0), 0, PIXELS);
+    let frozen = FixedPattern::draw(sensor, Key::new(SEED, 0, 0), 0, PIXELS);
     frozen.on.iter().zip(&frozen.off).map(|(on, off)| (f64::from(*on), f64::from(*off))).collect()
 }
 
@@ -374,7 +374,7 @@ fn the_leak_of_v2e_has_its_mean() {
     let mean = (0..count).map(|_| 10_f64.powf(0.1 * normal())).sum::<f64>() / f64::from(count);
     for (name, nominal) in [("v2e", 0.01), ("v2e-noisy", 0.1)] {
         let sensor = SensorConfig::preset(name).unwrap();
-        let frozen = Frozen::draw(&sensor, Key::new(SEED, 0, 0), 0, 200_000);
+        let frozen = FixedPattern::draw(&sensor, Key::new(SEED, 0, 0), 0, 200_000);
         let rates = frozen.slope.iter().zip(&frozen.on).map(|(slope, on)| f64::from(slope * 1e6 / on));
         let rate = rates.sum::<f64>() / 200_000.0;
         assert!((rate / nominal / mean - 1.0).abs() < 4e-3, "{name}: {rate}, {mean}");

@@ -1,44 +1,28 @@
 //! Decoupled sampling: which surfaces a pixel sees is found from geometry in continuous time, how bright they are from
 //! light that lives on the surfaces, and each pixel is evaluated at its own times. Pure Rust, no GPU.
 //!
-//! Modules read earlier ones only: [`holes`] cuts holes out of masked surfaces; [`world`] flattens a scene; [`tiles`] says
-//! what a tile of pixels sees of it; [`blocks`] cuts time and bounds motion; [`lists`] says what tiles and pixels may see;
-//! [`coverage`] how much of a pixel each facet covers at a time; [`texture`], [`light`] and [`shadow`] what it sends;
-//! [`path`] follows a pixel's light; [`events`] crosses thresholds; `knots` gives a tile's light to sensors with more
-//! stages than these: `sensing` tile by tile, `frames` as pictures.
+//! Folders import those above them only:
+//!
+//! | folder | holds |
+//! |---|---|
+//! | [`image`] | what pictures say: textures averaged over footprints, maps of materials at a place, light from all around |
+//! | [`scene`] | a scene as facets, convex planar polygons without holes; where the pixels of each tile look |
+//! | [`visibility`] | blocks of time and bounds of motion; what tiles and pixels may see; how much of a pixel a facet covers |
+//! | [`shading`] | what a facet sends to a pixel: its material's response, shadows, and what is kept of both |
+//! | [`signal`] | a pixel's light over time: where it is evaluated, the path between, the thresholds that it crosses |
+//! | `run` | the loop over blocks, tiles and pixels, sensors with more stages than thresholds, and streams |
 
-pub mod blocks;
-mod contour;
-pub mod coverage;
-pub mod environment;
-pub mod events;
-pub mod facets;
-pub mod fragment;
-mod frames;
 mod hash;
-pub mod holes;
-pub mod keyframe;
-mod knots;
-pub mod light;
-mod limits;
-pub mod lists;
-pub mod maps;
-pub mod mask;
-pub mod material;
-pub mod pages;
-pub mod path;
-pub mod pixel;
-mod sensing;
-pub mod shadow;
-mod simulate;
-mod stream;
-pub mod texture;
-pub mod tiles;
-pub mod world;
+pub mod image;
+mod run;
+pub mod scene;
+pub mod shading;
+pub mod signal;
+pub mod visibility;
 
-pub use limits::{crowded, unsupported};
-pub use simulate::{Outcome, Report, Settings, luminance, luminance_of, simulate};
-pub use stream::{Cost, Piece, Stream, StreamSettings, View};
+pub use run::limits::{crowded, unsupported};
+pub use run::simulate::{Outcome, Report, Settings, luminance, luminance_of, simulate};
+pub use run::stream::{Cost, Piece, Stream, StreamSettings, View};
 
 /// Why there are no events.
 #[derive(Clone, Debug, thiserror::Error)]

@@ -2,7 +2,7 @@
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
-use evis_decoupled::holes::Holes;
+use evis_decoupled::scene::holes::Holes;
 use evis_decoupled::{Settings, luminance};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;

@@ -2,10 +2,10 @@
 
 use std::sync::Arc;
 
-use evis_decoupled::blocks::{Block, Clock};
-use evis_decoupled::lists::Lists;
-use evis_decoupled::tiles::TILE;
-use evis_decoupled::world::World;
+use evis_decoupled::scene::tiles::TILE;
+use evis_decoupled::scene::world::World;
+use evis_decoupled::visibility::blocks::{Block, Clock};
+use evis_decoupled::visibility::lists::Lists;
 use evis_decoupled::{Settings, luminance, simulate};
 use evis_scene::motion::Path;
 use evis_scene::{Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs};

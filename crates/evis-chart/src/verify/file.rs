@@ -5,9 +5,9 @@ use std::path::Path;
 use serde::Serialize;
 use serde::de::DeserializeOwned;
 
-use crate::canvas::{self, Drawing};
 use crate::draw::PictureKind;
 use crate::error::ChartError;
+use crate::plot::canvas::{self, Drawing};
 
 /// Version of the JSON; another one is refused.
 pub const VERSION: u32 = 1;

@@ -3,12 +3,12 @@
 use plotters::backend::DrawingBackend;
 use plotters::style::WHITE;
 
-use crate::axis::{self, LogAxis};
-use crate::canvas::{Align, Canvas, Drawing, text_width};
 use crate::error::ChartError;
-use crate::ink::{AXIS_TITLE, FLOOR, HINT, LEGEND, ROW_TITLE, SOFT_INK, SUBTITLE, TITLE, WIDER};
-use crate::label::{Obstacles, Rect, Wanted, place};
-use crate::marker::{self, Style};
+use crate::plot::axis::{self, LogAxis};
+use crate::plot::canvas::{Align, Canvas, Drawing, text_width};
+use crate::plot::ink::{AXIS_TITLE, FLOOR, HINT, LEGEND, ROW_TITLE, SOFT_INK, SUBTITLE, TITLE, WIDER};
+use crate::plot::label::{Obstacles, Rect, Wanted, place};
+use crate::plot::marker::{self, Style};
 
 const MARGIN: f64 = 22.0;
 const PLOT_WIDTH: f64 = 452.0;

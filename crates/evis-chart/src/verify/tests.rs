@@ -6,8 +6,8 @@ use evis_core::closed_form::convergence::Variant;
 
 use super::forms::{FormCheck, FormsReport, Theory, verify_forms};
 use super::{draw, scene};
-use crate::canvas;
 use crate::made_up;
+use crate::plot::canvas;
 
 /// The same but for the last digits of decimals.
 fn alike(a: &serde_json::Value, b: &serde_json::Value) -> bool {

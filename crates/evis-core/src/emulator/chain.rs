@@ -37,6 +37,6 @@ mod scan;
 
 pub use leak::JITTER_SHIFT;
 pub(crate) use memory::{Chain, LONG_AGO, REBASE_US};
-pub use pattern::Frozen;
+pub use pattern::FixedPattern;
 pub(crate) use plan::{Plan, ramps};
 pub(crate) use scan::Scan;

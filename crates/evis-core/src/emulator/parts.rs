@@ -4,9 +4,9 @@
 
 use rayon::prelude::*;
 
-pub use super::warp::{Gap, Pictures, Scratch, Side};
+pub use super::keyframes::{Gap, Pictures, Scratch, Side};
 
-pub use super::chain::{Frozen, JITTER_SHIFT};
+pub use super::chain::{FixedPattern, JITTER_SHIFT};
 use super::frames::TILE;
 use super::noise::{Candidate, TileNoise};
 use super::numbering::Numbering;
@@ -47,7 +47,7 @@ pub struct NoiseCandidate {
 
 /// The noise of one camera's pixels.
 #[derive(Clone, Debug)]
-pub struct NoiseFeed {
+pub struct NoiseSampler {
     sensor: SensorConfig,
     key: Key,
     isa: Isa,
@@ -55,9 +55,9 @@ pub struct NoiseFeed {
     tiles: Vec<TileNoise>,
 }
 
-impl NoiseFeed {
+impl NoiseSampler {
     /// The noise of the pixels whose thresholds these are; `None` without noise that has times of its own.
-    pub fn new(sensor: &SensorConfig, key: Key, frozen: &Frozen) -> Option<Self> {
+    pub fn new(sensor: &SensorConfig, key: Key, frozen: &FixedPattern) -> Option<Self> {
         let pixels = frozen.on.len();
         let noise = &sensor.noise;
         let poisson_leak = noise.leak_hz > 0.0 && !super::chain::ramps(sensor);

@@ -6,10 +6,9 @@ use bytemuck::Pod;
 
 use super::chain::{LONG_AGO, REBASE_US};
 use super::ideal::{Memory as IdealMemory, Pixels};
-use super::last_keyframe::Keyframe;
+use super::keyframes::{Keyframe, MOST_MARGIN};
 use super::numbering::Numbering;
 use super::order::MAX_INTERVAL_US;
-use super::warp::MOST_MARGIN;
 use super::{Chain, Diffuse, EmulatorReport, Environment, EventEmulator, Kernel, Memory, Tile};
 use crate::event::{Event, MOST_T_US};
 use crate::fnv::Fnv;

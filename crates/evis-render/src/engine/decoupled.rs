@@ -198,11 +198,11 @@ impl Decoupled {
     /// # Errors
     /// A thread that cannot start.
     pub fn restart(&mut self, start_us: i64, only: &[Vec<bool>]) -> Result<(), EngineError> {
-        let halves = (TILE as usize) / evis_decoupled::tiles::TILE;
+        let halves = (TILE as usize) / evis_decoupled::scene::tiles::TILE;
         let only = self.views.iter().zip(only).map(|(view, only)| {
             let (width, height) = view.size();
             let columns = tiles_along(width) as usize;
-            let own = |pixels: u32| (pixels as usize).div_ceil(evis_decoupled::tiles::TILE);
+            let own = |pixels: u32| (pixels as usize).div_ceil(evis_decoupled::scene::tiles::TILE);
             let at = |y: usize, x: usize| only[y / halves * columns + x / halves];
             (0..own(height)).flat_map(|y| (0..own(width)).map(move |x| at(y, x))).collect()
         });

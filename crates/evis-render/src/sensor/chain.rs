@@ -1,7 +1,7 @@
 //! The whole sensor chain on the device: which stages a pipeline has, what a pixel remembers, and what the host hands
 //! over: what is frozen, and noise candidates.
 
-use evis_core::emulator::parts::{Frozen, NoiseFeed, ReadoutQueue};
+use evis_core::emulator::parts::{FixedPattern, NoiseSampler, ReadoutQueue};
 use evis_core::sensor::{
     Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times,
     TriggerRule,
@@ -291,7 +291,7 @@ pub struct GroupChain {
     pub views: wgpu::Buffer,
     /// What is frozen, in planes: layer `plane * views + view`.
     pub frozen: wgpu::TextureView,
-    noises: Vec<Option<NoiseFeed>>,
+    noises: Vec<Option<NoiseSampler>>,
     /// Where events wait for the bus, per view; empty where they leave at once.
     pub readouts: Vec<ReadoutQueue>,
     width: u32,
@@ -307,9 +307,9 @@ impl GroupChain {
         views: &[&View],
         reference_luminance: f32,
     ) -> Self {
-        let each: Vec<Frozen> = views
+        let each: Vec<FixedPattern> = views
             .par_iter()
-            .map(|view| Frozen::draw(&view.sensor, view.key, 0, width as usize * height as usize))
+            .map(|view| FixedPattern::draw(&view.sensor, view.key, 0, width as usize * height as usize))
             .collect();
         let mut words: Vec<u32> = Vec::with_capacity(views.len() * VIEW_WORDS as usize);
         for (view, frozen) in views.iter().zip(&each) {
@@ -321,7 +321,7 @@ impl GroupChain {
             words.extend([(1.0 / reference_luminance).to_bits(), low, high]);
             words.extend([cutoff_rate, refractory_us].map(f32::to_bits));
         }
-        type Choose = fn(&Frozen) -> &Vec<f32>;
+        type Choose = fn(&FixedPattern) -> &Vec<f32>;
         let planes: [(bool, Choose); 3] = [
             (plan.own_thresholds, |frozen| &frozen.on),
             (plan.own_thresholds, |frozen| &frozen.off),
@@ -365,7 +365,7 @@ impl GroupChain {
         let noises = each
             .iter()
             .zip(views)
-            .map(|(frozen, view)| NoiseFeed::new(&view.sensor, view.key, frozen))
+            .map(|(frozen, view)| NoiseSampler::new(&view.sensor, view.key, frozen))
             .collect();
         let readout = |view: &&View| ReadoutQueue::new(&view.sensor.readout, view.key, width);
         let at_once = views.iter().all(|view| view.sensor.readout.is_off());

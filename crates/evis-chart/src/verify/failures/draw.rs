@@ -6,11 +6,11 @@ use plotters::backend::DrawingBackend;
 
 use super::table::{f1, short};
 use super::{Cell, FailureReport};
-use crate::canvas::{Align, Canvas, Drawing, text_width};
 use crate::error::ChartError;
-use crate::ink::{AXIS_TITLE, FINE_GRID, GRID, HINT, LABEL, LEGEND, SOFT_INK, SUBTITLE, TITLE, WIDER};
-use crate::label::Rect;
-use crate::marker::{self, Style};
+use crate::plot::canvas::{Align, Canvas, Drawing, text_width};
+use crate::plot::ink::{AXIS_TITLE, FINE_GRID, GRID, HINT, LABEL, LEGEND, SOFT_INK, SUBTITLE, TITLE, WIDER};
+use crate::plot::label::Rect;
+use crate::plot::marker::{self, Style};
 use crate::verify::file;
 
 impl FailureReport {

@@ -6,7 +6,7 @@ use evis_scene::SceneState;
 
 use super::shots::{CUT_US, ShotId};
 use super::*;
-use crate::canvas;
+use crate::plot::canvas;
 use crate::verify::Report;
 
 fn cell(failure: &str, method: &str, number: f64, f1: f64) -> Cell {

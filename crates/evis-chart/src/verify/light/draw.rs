@@ -6,11 +6,11 @@ use plotters::backend::DrawingBackend;
 use plotters::style::RGBColor;
 
 use super::LightReport;
-use crate::canvas::{Align, Canvas, Colour, Drawing, text_width};
 use crate::error::ChartError;
-use crate::ink::{AXIS, LEGEND, SUBTITLE, TITLE, WIDER};
-use crate::label::Rect;
 use crate::ladder::number;
+use crate::plot::canvas::{Align, Canvas, Colour, Drawing, text_width};
+use crate::plot::ink::{AXIS, LEGEND, SUBTITLE, TITLE, WIDER};
+use crate::plot::label::Rect;
 use crate::verify::file;
 
 impl LightReport {

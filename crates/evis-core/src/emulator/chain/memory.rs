@@ -1,6 +1,6 @@
 //! What the pixels of a tile remember between intervals.
 
-use super::pattern::Frozen;
+use super::pattern::FixedPattern;
 use super::plan::Plan;
 use crate::emulator::frames::BLOCK;
 use crate::emulator::noise::TileNoise;
@@ -84,7 +84,7 @@ impl Chain {
         let length = pixels.next_multiple_of(BLOCK);
         let sensor = &plan.sensor;
         let noise = &sensor.noise;
-        let Frozen { on, off, slope } = Frozen::of(sensor, key, numbering, length);
+        let FixedPattern { on, off, slope } = FixedPattern::of(sensor, key, numbering, length);
         let tile_noise = TileNoise::new(sensor, key, numbering, &on[..pixels], &off[..pixels]);
         let when = |wanted: bool, value: i32| vec![value; if wanted { length } else { 0 }];
         Self {

@@ -8,7 +8,7 @@ use crate::sensor::SensorConfig;
 
 /// What is frozen about pixels: drawn from the generator alone.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Frozen {
+pub struct FixedPattern {
     /// Rise that fires; infinite where the pixel is dead.
     pub on: Vec<f32>,
     /// Fall that fires, a magnitude; infinite where the pixel is dead.
@@ -17,7 +17,7 @@ pub struct Frozen {
     pub slope: Vec<f32>,
 }
 
-impl Frozen {
+impl FixedPattern {
     /// Of `length` pixels from `first` on.
     pub fn draw(sensor: &SensorConfig, key: Key, first: usize, length: usize) -> Self {
         Self::of(sensor, key, Numbering::run(first), length)

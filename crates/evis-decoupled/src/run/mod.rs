@@ -1,0 +1,7 @@
+//! The loop over blocks, tiles and pixels, and what runs it.
+
+pub(crate) mod frames;
+pub(crate) mod limits;
+pub(crate) mod sensing;
+pub(crate) mod simulate;
+pub(crate) mod stream;

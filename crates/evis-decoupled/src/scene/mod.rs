@@ -1,0 +1,7 @@
+//! A scene as facets: convex planar polygons without holes, and where each tile of pixels looks.
+
+pub(crate) mod contour;
+pub mod facets;
+pub mod holes;
+pub mod tiles;
+pub mod world;

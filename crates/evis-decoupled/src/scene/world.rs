@@ -1,0 +1,431 @@
+//! A scene, flattened: convex planar facets on surfaces, and where nodes are at a time.
+
+use std::collections::HashMap;
+use std::f64::consts::TAU;
+use std::sync::Arc;
+
+use evis_scene::motion::Path;
+use evis_scene::{Motion, PixelLens, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
+use glam::{DMat4, DVec3};
+
+use crate::Error;
+use crate::hash::Words;
+use crate::scene::facets::{CORNERS, Facet, bounding_box, facets, neighbors, places, wide};
+use crate::scene::holes::Holes;
+use crate::scene::tiles::{LensTiles, TileView};
+
+/// Facets that are culled together.
+const CLUSTER: usize = 64;
+/// Periods of an analytic motion in a block, at most.
+const MOST_PERIODS: f64 = 0.125;
+/// The shortest block in microseconds.
+pub const LEAST_BLOCK_US: i64 = 64;
+
+/// A primitive of a node.
+#[derive(Clone, Debug)]
+pub struct Surface {
+    /// Index into [`Scene::nodes`].
+    pub node: usize,
+    /// Index into [`Scene::meshes`].
+    pub mesh: usize,
+    /// Index into the mesh's primitives.
+    pub primitive: usize,
+    /// Index into [`Scene::materials`].
+    pub material: usize,
+    /// Skin or morph targets move its vertices.
+    pub deforms: bool,
+    /// It may be elsewhere, or shaped otherwise, at another time.
+    pub moves: bool,
+    /// Both sides are drawn.
+    pub double_sided: bool,
+    /// It has an inside: each edge has another that runs against it.
+    pub closed: bool,
+    /// Its clusters in [`World::clusters`].
+    pub clusters: std::ops::Range<usize>,
+    /// Box around its vertices in its own space; of deforming ones, as modelled.
+    pub bounds: [DVec3; 2],
+}
+
+/// Neighbouring facets of one surface.
+#[derive(Clone, Debug)]
+pub struct Cluster {
+    /// Its facets in [`World::facets`].
+    pub facets: std::ops::Range<usize>,
+    /// Box around them in the surface's space.
+    pub bounds: [DVec3; 2],
+}
+
+/// A scene as one camera sees it.
+pub struct World<'a> {
+    /// The scene.
+    pub scene: &'a Scene,
+    /// Its environment: whose clock and offsets count.
+    pub variant: Option<&'a Variant>,
+    /// Index into [`Scene::cameras`].
+    pub camera: usize,
+    /// Its pixels, without distortion; focal lengths and centre are those of [`Frame::lens`].
+    pub lens: PixelLens,
+    /// Where tiles lie on the picture of that, where its lens is distorted.
+    pub tiles: Option<Arc<LensTiles>>,
+    /// As it was asked for.
+    size: Option<(u32, u32)>,
+    /// Of its masked primitives, what is left.
+    holes: Arc<Holes>,
+    /// Primitives of nodes, in node order.
+    pub surfaces: Vec<Surface>,
+    /// Groups of facets, in surface order.
+    pub clusters: Vec<Cluster>,
+    /// Convex polygons, in surface order, then in that of their first triangle.
+    pub facets: Vec<Facet>,
+    /// Per facet and edge, the facet of the same surface beyond it, or [`crate::scene::facets::ALONE`].
+    pub neighbors: Vec<[u32; CORNERS]>,
+    /// Per node: whether it may be elsewhere, or shaped otherwise, at another time.
+    pub moving_nodes: Vec<bool>,
+}
+
+/// A scene at a time.
+#[derive(Clone, Debug)]
+pub struct Frame {
+    /// Poses, weights and factors.
+    pub state: SceneState,
+    /// Maps a world point to (x z, y z, z): its image point (x, y) in pixels, and its planar depth z.
+    pub screen_from_world: DMat4,
+    /// The camera's world position.
+    pub eye: DVec3,
+    /// The camera's lens.
+    pub lens: PixelLens,
+}
+
+impl<'a> World<'a> {
+    /// Flattens `scene` as camera `camera` sees it, at `size` pixels or the camera's own size.
+    ///
+    /// # Errors
+    /// A camera that does not exist, or whose lens, size or pose cannot be used.
+    pub fn new(scene: &'a Scene, camera: usize, size: Option<(u32, u32)>) -> Result<Self, Error> {
+        Self::of_variant(scene, None, camera, size, &Holes::of(scene, size)?, &[])
+    }
+
+    /// As [`World::new`], in one of the scene's environments; `holes` are of the scene. What is prepared for a lens is taken from
+    /// `others` that have it.
+    ///
+    /// # Errors
+    /// As [`World::new`].
+    pub fn of_variant(
+        scene: &'a Scene,
+        variant: Option<&'a Variant>,
+        camera: usize,
+        size: Option<(u32, u32)>,
+        holes: &Arc<Holes>,
+        others: &[Self],
+    ) -> Result<Self, Error> {
+        let lens = scene.pixel_lens(variant, camera, size, f64::INFINITY)?;
+        let moving_nodes = moving_nodes(scene);
+        let tiles = match others.iter().find(|other| other.camera == camera && other.lens == lens) {
+            Some(other) => other.tiles.clone(),
+            None => LensTiles::new(scene, variant, camera, &lens)?.map(Arc::new),
+        };
+        let mut world = Self {
+            scene,
+            variant,
+            camera,
+            lens,
+            tiles,
+            size,
+            holes: Arc::clone(holes),
+            surfaces: Vec::new(),
+            clusters: Vec::new(),
+            facets: Vec::new(),
+            neighbors: Vec::new(),
+            moving_nodes,
+        };
+        for (index, node) in scene.nodes.iter().enumerate() {
+            let Some((mesh_index, mesh)) = node.mesh.and_then(|m| Some((m, scene.meshes.get(m)?))) else {
+                continue;
+            };
+            for number in 0..mesh.primitives.len() {
+                world.add(index, mesh_index, number, holes.primitive(scene, mesh_index, number));
+            }
+        }
+        world.frame(0.0)?;
+        Ok(world)
+    }
+
+    fn add(&mut self, node: usize, mesh: usize, index: usize, primitive: &Primitive) {
+        let Some(material) = self.scene.materials.get(primitive.material) else { return };
+        let skinned = self.scene.nodes[node].skin.is_some() && primitive.joints.is_some();
+        let deforms = skinned || !primitive.morph_targets.is_empty();
+        let surface = self.surfaces.len() as u32;
+        let first_cluster = self.clusters.len();
+        let facets = facets(primitive, surface, !deforms);
+        let places = places(primitive);
+        // What is at one place in the mesh may be at several under a skeleton.
+        let vertex = |v: u32| if deforms { v } else { places.get(v as usize).copied().unwrap_or(v) };
+        self.neighbors.extend(neighbors(&facets, self.facets.len() as u32, vertex));
+        for group in facets.chunks(CLUSTER) {
+            let start = self.facets.len();
+            let bounds = bounding_box(
+                group.iter().flat_map(|f| f.corners).map(|c| wide(primitive.positions[c as usize])),
+            );
+            self.facets.extend_from_slice(group);
+            self.clusters.push(Cluster { facets: start..self.facets.len(), bounds });
+        }
+        self.surfaces.push(Surface {
+            node,
+            mesh,
+            primitive: index,
+            material: primitive.material,
+            deforms,
+            moves: self.moving_nodes[node],
+            double_sided: material.double_sided,
+            closed: is_closed(&primitive.indices, &places),
+            clusters: first_cluster..self.clusters.len(),
+            bounds: bounding_box(primitive.positions.iter().map(|p| wide(*p))),
+        });
+    }
+
+    /// What the tile at (column, row) sees of the picture without distortion.
+    pub fn tile(&self, place: [usize; 2]) -> TileView {
+        self.tiles.as_ref().map_or_else(|| TileView::of_pinhole(place), |tiles| tiles.tile(place).clone())
+    }
+
+    /// What any pixel sees of that picture: left, top, right, bottom.
+    pub fn seen(&self) -> [f64; 4] {
+        let whole = [0.0, 0.0, f64::from(self.lens.width), f64::from(self.lens.height)];
+        self.tiles.as_ref().map_or(whole, |tiles| tiles.seen)
+    }
+
+    /// The primitive of surface `surface`.
+    pub fn primitive(&self, surface: u32) -> &Primitive {
+        let s = &self.surfaces[surface as usize];
+        self.holes.primitive(self.scene, s.mesh, s.primitive)
+    }
+
+    /// The scene at `t_us` microseconds of its own time.
+    ///
+    /// # Errors
+    /// A camera without a pose at that time.
+    pub fn frame(&self, t_us: f64) -> Result<Frame, Error> {
+        let mut state = SceneState::default();
+        self.scene.evaluate_variant(self.variant, t_us * 1e-6, &mut state);
+        let pose = state.world_from_node.get(self.scene.cameras[self.camera].node).map(rigid_or_unrotated);
+        let Some(world_from_camera) = pose else {
+            let name = &self.scene.cameras[self.camera].name;
+            return Err(Error::Camera(format!("camera '{name}' has no pose at {t_us} us")));
+        };
+        let lens = self.scene.pixel_lens(self.variant, self.camera, self.size, t_us)?;
+        let [fx, fy] = lens.focal;
+        let [cx, cy] = lens.center;
+        let screen_from_camera = DMat4::from_cols_array(&[
+            fx, 0.0, 0.0, 0.0, 0.0, -fy, 0.0, 0.0, -cx, -cy, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
+        ]);
+        Ok(Frame {
+            screen_from_world: screen_from_camera * world_from_camera.inverse(),
+            eye: world_from_camera.w_axis.truncate(),
+            lens,
+            state,
+        })
+    }
+
+    /// Seconds of the scene's own clock at `t_us`: its speed, and the environment's offset.
+    pub fn scene_seconds(&self, t_us: f64) -> f64 {
+        t_us * 1e-6 * self.scene.speed.unwrap_or(1.0) + self.variant.map_or(0.0, |v| v.time_offset_s)
+    }
+
+    /// The longest block, a power of two of microseconds and `most_us` at most, in which no analytic motion goes through more
+    /// than an eighth of its period: poses at a few times of a block then tell how it moves.
+    pub fn block_us(&self, most_us: i64) -> i64 {
+        let periods_per_us = fastest_hz(self.scene) * self.scene.speed.unwrap_or(1.0) * 1e-6;
+        let mut length_us = most_us;
+        while length_us > LEAST_BLOCK_US && length_us as f64 * periods_per_us > MOST_PERIODS {
+            length_us /= 2;
+        }
+        length_us
+    }
+
+    /// World positions and unit normals of all vertices of surface `surface`, and whether its pose mirrors.
+    pub fn vertices(&self, surface: u32, frame: &Frame) -> Vec<(DVec3, DVec3)> {
+        let primitive = self.primitive(surface);
+        let s = &self.surfaces[surface as usize];
+        let weights = frame.state.morph_weights.get(s.node).map_or(&[][..], Vec::as_slice);
+        let world_from_vertex = self.world_from_vertices(surface, frame);
+        let blends = self.blends(surface);
+        let own = primitive.positions.len() - blends.len();
+        let mut vertices: Vec<(DVec3, DVec3)> = (0..own)
+            .map(|v| {
+                let mut position = wide(primitive.positions[v]);
+                let mut normal = primitive.normals.get(v).map_or(DVec3::Z, |n| wide(*n));
+                // glTF 2.0, 3.7.2.2: base + sum of weight * displacement.
+                for (target, weight) in primitive.morph_targets.iter().zip(weights) {
+                    let weight = f64::from(*weight);
+                    position += target.positions.get(v).map_or(DVec3::ZERO, |d| wide(*d)) * weight;
+                    normal += target.normals.get(v).map_or(DVec3::ZERO, |d| wide(*d)) * weight;
+                }
+                let matrix = world_from_vertex(v);
+                (matrix.transform_point3(position), normal_under(&matrix, normal))
+            })
+            .collect();
+        for (corners, weights) in blends {
+            let of = || corners.iter().map(|c| vertices[*c as usize]).zip(weights);
+            let position = of().map(|((position, _), weight)| position * *weight).sum();
+            let normal: DVec3 = of().map(|((_, normal), weight)| normal * *weight).sum();
+            vertices.push((position, normal.normalize_or(DVec3::Z)));
+        }
+        vertices
+    }
+
+    /// How the last vertices of a surface with a skeleton follow others of it, where its holes are cut out; those of other
+    /// surfaces are carried as all are.
+    fn blends(&self, surface: u32) -> &[([u32; 3], [f64; 3])] {
+        let s = &self.surfaces[surface as usize];
+        let skinned = self.scene.nodes[s.node].skin.is_some() && self.primitive(surface).joints.is_some();
+        if skinned { self.holes.blends(s.mesh, s.primitive) } else { &[] }
+    }
+
+    /// World tangents of all vertices of surface `surface`, of any length, and the bitangent's sign; empty where it has none.
+    pub fn tangents(&self, surface: u32, frame: &Frame) -> Vec<(DVec3, f64)> {
+        let Some(tangents) = &self.primitive(surface).tangents else { return Vec::new() };
+        let world_from_vertex = self.world_from_vertices(surface, frame);
+        let carried = |(v, &[x, y, z, w]): (usize, &[f32; 4])| {
+            let matrix = world_from_vertex(v);
+            // glTF 2.0, 3.7.2.1: the bitangent is cross(normal, tangent) w in the mesh's own space.
+            let sign = if matrix.determinant() < 0.0 { -f64::from(w) } else { f64::from(w) };
+            (matrix.transform_vector3(wide([x, y, z])), sign)
+        };
+        let blends = self.blends(surface);
+        let own = tangents.len().saturating_sub(blends.len());
+        let mut tangents: Vec<_> = tangents[..own].iter().enumerate().map(carried).collect();
+        for (corners, weights) in blends {
+            let of = |corner: u32| tangents.get(corner as usize).copied().unwrap_or((DVec3::ZERO, 1.0));
+            let tangent = corners.iter().zip(weights).map(|(c, weight)| of(*c).0 * *weight).sum();
+            tangents.push((tangent, of(corners[0]).1));
+        }
+        tangents
+    }
+
+    /// The matrix that carries a vertex of surface `surface` to the world.
+    fn world_from_vertices(&self, surface: u32, frame: &Frame) -> impl Fn(usize) -> DMat4 + '_ {
+        let primitive = self.primitive(surface);
+        let s = &self.surfaces[surface as usize];
+        let skin = self.scene.nodes[s.node].skin.filter(|_| primitive.joints.is_some());
+        let mut joints = Vec::new();
+        if let Some(skin) = skin {
+            self.scene.joint_matrices(skin, &frame.state, &mut joints);
+        }
+        let world = frame.world_from_node(s.node);
+        move |v| {
+            if skin.is_none() {
+                return world;
+            }
+            let of = |i: u16| joints.get(usize::from(i)).copied().unwrap_or(DMat4::IDENTITY);
+            let indices = primitive.joints.as_ref().and_then(|j| j.get(v)).copied();
+            let weights = primitive.joint_weights.as_ref().and_then(|w| w.get(v)).copied();
+            let pairs = indices.unwrap_or_default().into_iter().zip(weights.unwrap_or_default());
+            pairs.fold(DMat4::ZERO, |sum, (i, w)| sum + of(i) * f64::from(w))
+        }
+    }
+}
+
+impl Frame {
+    /// Pose of node `node`.
+    pub fn world_from_node(&self, node: usize) -> DMat4 {
+        self.state.world_from_node.get(node).copied().unwrap_or(DMat4::IDENTITY)
+    }
+}
+
+/// A normal carried by `matrix`: the cofactor matrix keeps it at right angles to the surface, whatever the scale, and
+/// its sign keeps the outside outside (glTF 2.0, 3.7.4).
+pub fn normal_under(matrix: &DMat4, normal: DVec3) -> DVec3 {
+    let [x, y, z] = [matrix.x_axis, matrix.y_axis, matrix.z_axis].map(|c| c.truncate());
+    let carried = y.cross(z) * normal.x + z.cross(x) * normal.y + x.cross(y) * normal.z;
+    let sign = if x.dot(y.cross(z)) < 0.0 { -1.0 } else { 1.0 };
+    (carried * sign).normalize_or(DVec3::Z)
+}
+
+/// Whether each directed edge of triangles, by the `places` of its ends, has one against it.
+fn is_closed(indices: &[u32], places: &[u32]) -> bool {
+    let mut open: HashMap<[u32; 2], i64, Words> = HashMap::default();
+    for t in indices.as_chunks::<3>().0 {
+        let [Some(a), Some(b), Some(c)] = t.map(|v| places.get(v as usize).copied()) else { return false };
+        for (from, to) in [(a, b), (b, c), (c, a)] {
+            if from != to {
+                *open.entry([from, to]).or_default() += 1;
+                *open.entry([to, from]).or_default() -= 1;
+            }
+        }
+    }
+    open.values().all(|n| *n == 0)
+}
+
+/// The highest frequency of an analytic motion, those of a node's ancestors added to its own, in hertz of the scene's clock.
+pub fn fastest_hz(scene: &Scene) -> f64 {
+    let mut hz: Vec<f64> = Vec::with_capacity(scene.nodes.len());
+    for node in &scene.nodes {
+        let inherited = node.parent.and_then(|p| hz.get(p)).copied().unwrap_or(0.0);
+        let own = match &node.motion {
+            Motion::Path(path) => path_hz(path),
+            Motion::Fixed(_) | Motion::Animated { .. } | Motion::Driven(_) => 0.0,
+        };
+        hz.push(inherited + own);
+    }
+    hz.into_iter().fold(0.0, f64::max)
+}
+
+/// Between keys a path is a polynomial, or turns by half a turn at most.
+fn path_hz(path: &Path) -> f64 {
+    match path {
+        Path::ConstantVelocity { .. } | Path::Keys { .. } => 0.0,
+        Path::Spin { rate, .. } | Path::Ballistic { spin_rate: rate, .. } => rate.abs() / TAU,
+        // Its z runs twice as fast as its x.
+        Path::FigureEight { period_s, .. } => 2.0 / period_s.abs(),
+        Path::Harmonic { terms, .. } => terms.iter().map(|t| t.frequency_hz.abs()).fold(0.0, f64::max),
+        Path::Chain(paths) => paths.iter().map(path_hz).sum(),
+    }
+}
+
+fn moving_nodes(scene: &Scene) -> Vec<bool> {
+    let mut moves: Vec<bool> = Vec::with_capacity(scene.nodes.len());
+    for node in &scene.nodes {
+        let inherited = node.parent.and_then(|p| moves.get(p)).copied().unwrap_or(false);
+        moves.push(!node.motion.is_fixed() || node.morph.is_some() || inherited);
+    }
+    for (index, node) in scene.nodes.iter().enumerate() {
+        let skin = node.skin.and_then(|s| scene.skins.get(s));
+        if skin.is_some_and(|s| s.joints.iter().any(|j| moves.get(*j).copied().unwrap_or(false))) {
+            moves[index] = true;
+        }
+    }
+    moves
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_box_has_six_facets_and_a_bent_quad_two() {
+        let scene = evis_scene::builtin::load("spinner", 0).unwrap();
+        let world = World::new(&scene, 0, Some((64, 48))).unwrap();
+        assert_eq!(world.facets.len(), 2, "two cards");
+        let corners = |z: f32| Primitive {
+            positions: vec![[0.0; 3], [1.0, 0.0, 0.0], [1.0, 1.0, z], [0.0, 1.0, 0.0]],
+            normals: vec![[0.0, 0.0, 1.0]; 4],
+            indices: vec![0, 1, 2, 0, 2, 3],
+            ..Primitive::default()
+        };
+        assert_eq!(facets(&corners(0.0), 0, true).len(), 1);
+        assert_eq!(facets(&corners(0.1), 0, true).len(), 2, "not planar");
+        let mut painted = corners(0.0);
+        painted.uvs[0] = Some(vec![[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 0.7]]);
+        assert_eq!(facets(&painted, 0, true).len(), 2, "no affine map");
+        let closed = |primitive: &Primitive| is_closed(&primitive.indices, &places(primitive));
+        assert!(!closed(&corners(0.0)));
+        let solid = evis_scene::primitive::Shape::Box { size: [1.0; 3] }.build(None, [1.0, 1.0]).unwrap();
+        assert!(closed(&solid), "a box");
+        let mut holed = solid;
+        holed.indices.truncate(33);
+        assert!(!closed(&holed), "a box without a triangle");
+        let order = facets(&corners(0.0), 0, true)[0].corners;
+        let p = order.map(|c| wide(corners(0.0).positions[c as usize]));
+        assert!((p[1] - p[0]).cross(p[3] - p[0]).z > 0.0, "{order:?} is counter-clockwise");
+    }
+}

@@ -1,0 +1,951 @@
+//! Light of surfaces: cells that live on facets, shaded when a tile first needs them.
+//!
+//! A facet has a grid of 2^i by 2^j cells over its (s, t); the level follows the facet's size on the screen, so that a
+//! cell spans about a tile. A cell holds the surface's response to base colour, without shadows, at nodes as fine as
+//! light bends; a texture is filtered, and shadows are found, when a pixel is evaluated. Cells whose light does not
+//! depend on time or view are shaded once; all others at both ends of a block, and are linear between. What may throw
+//! a shadow into a cell is found once, where lamp, surface and what throws it are still.
+
+mod maps;
+mod shadows;
+
+use std::collections::HashMap;
+use std::hash::BuildHasher;
+use std::sync::{Arc, Mutex, OnceLock};
+
+use evis_scene::motion::{WaveShape, Waveform};
+use evis_scene::{Light, LightFactors, Material, MaterialFactors, ShadingModel, TextureRef};
+use glam::{DMat3, DMat4, DVec2, DVec3};
+
+use crate::Error;
+use crate::hash::Words;
+use crate::image::maps::{Map as TextureMap, Maps};
+use crate::image::texture::{Cells, Textures};
+use crate::scene::facets::{Facet, bounding_box, wide};
+use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
+use crate::scene::world::{Frame, World};
+use crate::shading::material::{self, Around, Lamp, Point, Response, respond};
+use crate::shading::pages::{Pages, Picture};
+use crate::shading::shadow::{Hull, Lit, Occluder, ScreenLamp, Tree};
+use crate::visibility::blocks::{Block, Clock};
+use crate::visibility::coverage::{Moments, Polygon, Polygons};
+use crate::visibility::fragment::{Line, Sight};
+use crate::visibility::lists::{Entry, Record};
+
+/// Most intervals of a facet's grid along an axis, as a power of two.
+const MOST_LEVEL: u32 = 14;
+/// A cell's nodes are made finer this often, where light bends between them.
+const MOST_FINER: u32 = 3;
+/// Part of the light by which the middle between nodes may be off.
+const SMOOTH: f64 = 0.0015;
+/// Part by which 1/depth may change over a pixel whose texture is averaged along edges that it shares with others.
+const MOST_PERSPECTIVE: f64 = 0.015;
+/// Places along either side of a footprint on a surface with maps, where there is no picture.
+const PLACES: u32 = 4;
+/// A tile as a pixel, where its side is the unit.
+const WHOLE: PixelFrame = PixelFrame::square([0.0; 2]);
+/// Maps that share the work of a lock.
+const SHARDS: usize = 64;
+
+/// What never changes of a facet's appearance.
+#[derive(Clone, Debug)]
+struct Appearance {
+    texture: Option<usize>,
+    /// In base texels: where (s, t) = 0 is, and change with s and t.
+    origin: [f64; 2],
+    along: [[f64; 2]; 2],
+    /// Base colour, vertex colour included: at (s, t) = 0, and change with s and t.
+    base: DVec3,
+    base_along: [DVec3; 2],
+    /// Base colour changes along it.
+    shaded: bool,
+}
+
+/// What never changes of a surface's light.
+#[derive(Clone, Debug)]
+struct Answer {
+    model: ShadingModel,
+    metallic: f64,
+    roughness: f64,
+    occlusion: f64,
+    mean_base: DVec3,
+    /// It depends on where the camera is.
+    follows_view: bool,
+    /// Emitted luminance, and what it is multiplied by over time.
+    glow: f64,
+    waveform: Option<Waveform>,
+    /// Then all of these vary from texel to texel.
+    maps: Option<Mapped>,
+}
+
+/// What maps multiply.
+#[derive(Clone, Debug)]
+struct Mapped {
+    maps: Maps,
+    metallic: f64,
+    roughness: f64,
+    emissive: DVec3,
+}
+
+#[derive(Clone, Copy, PartialEq, Eq, Hash)]
+struct Key {
+    facet: u32,
+    /// Level along s and t, and whether the front is seen.
+    level: [u8; 3],
+    index: [u16; 2],
+    /// A border of time; 0 for what does not change.
+    border: u64,
+}
+
+impl Key {
+    /// Of cell `index` of a grid of 2^`level` cells along s and t.
+    fn new(facet: u32, level: [u32; 2], index: [u32; 2], front: bool, border: u64) -> Self {
+        let level = [level[0] as u8, level[1] as u8, u8::from(front)];
+        Self { facet, level, index: index.map(|v| v as u16), border }
+    }
+}
+
+type Map<T> = Mutex<HashMap<Key, Arc<T>, Words>>;
+
+/// World corners and normals of a moving surface's vertices, at both ends of a block.
+type Corners = Vec<(DVec3, DVec3)>;
+
+/// Light of a cell of a facet's grid: responses at the nodes of a grid of its own.
+struct Patch {
+    /// Intervals along either side.
+    intervals: u32,
+    /// Row by row; at each node the response to unshadowed light, then to each lamp of [`Lighting::own`].
+    nodes: Box<[[f32; 4]]>,
+    /// Bits of the lamps of [`Lighting::own`] that light any of it.
+    lit: u8,
+}
+
+/// What may throw shadows of one lamp into a cell of a still facet, of what is still.
+struct Shadowed {
+    /// One of them darkens all of it.
+    dark: bool,
+    facets: Box<[u32]>,
+}
+
+/// Light of a scene.
+pub struct Lighting<'a> {
+    world: &'a World<'a>,
+    shared: Arc<Shared>,
+    looks: Vec<Appearance>,
+    answers: Vec<Answer>,
+    /// Per material, as `looks` and `answers` have them.
+    factors: Vec<MaterialFactors>,
+    /// Per light, as kept cells were lit.
+    lights: Vec<LightFactors>,
+    /// Lamps and frames at both ends of the block.
+    lamps: [Vec<Lamp>; 2],
+    frames: Option<[Frame; 2]>,
+    /// Indices of lamps whose light is kept apart: they throw shadows, or their strength changes.
+    own: Vec<usize>,
+    /// Per surface, vertices in the world at both ends; still ones are found once.
+    corners: Vec<[Corners; 2]>,
+    /// Per surface with maps, tangents and signs of bitangents, likewise.
+    tangents: Vec<[Vec<(DVec3, f64)>; 2]>,
+    borders: [u64; 2],
+    patches: Vec<Map<Patch>>,
+    shadowed: Vec<Map<Shadowed>>,
+    /// Number of the block, from 1.
+    block: u64,
+    /// Nodes shaded so far.
+    pub shaded: std::sync::atomic::AtomicU64,
+    /// Per lamp of `own`, on the screen.
+    screen_lamps: Vec<ScreenLamp>,
+    /// Where it is in the world at the start, middle and end of the block.
+    lamp_places: Vec<[DVec3; 3]>,
+    /// Facets of still surfaces.
+    still: Tree,
+    /// Surfaces that move, and facets of each, within spheres that hold them throughout the block.
+    moving: Tree,
+    moving_facets: Vec<Tree>,
+    /// Of each of them that keeps its shape, facets in its own space, and where that has lamps at the start, middle and end.
+    own_facets: Vec<Tree>,
+    own_lamps: Vec<Vec<[DVec3; 3]>>,
+    /// Per facet, bits of lamps from which a solid's facet faces away: what it darkens, those that face the lamp darken.
+    far: Vec<u8>,
+    /// Per facet, bits of lamps that its front faces throughout the block, and of those that its back does.
+    facing: Vec<[u8; 2]>,
+    /// Per lamp of `own` and facet, made when they are first needed; of what is still.
+    dark_spaces: [Vec<OnceLock<Box<Hull>>>; MOST_OWN],
+    /// Per facet, made when it is first needed in a block.
+    occluders: Vec<OnceLock<Box<Occluder>>>,
+    /// Screen from world at the start, middle and end of the block, and of moving surfaces from their vertices.
+    screen: [DMat4; 3],
+    middle: Vec<Corners>,
+    background: f64,
+    camera_moves: bool,
+}
+
+/// Light of a tile's entries.
+#[derive(Default)]
+pub struct TileLight {
+    slots: Vec<Slot>,
+    patches: Vec<Arc<Patch>>,
+    /// Facets of all slots and lamps, with the pixels that they may darken.
+    occluders: Vec<(u64, u32)>,
+    view: TileView,
+    found: Vec<u32>,
+    lit: Lit,
+    /// By moment, slot and lamp: where in `lines` the half planes of its occluders begin, plus 1.
+    line_starts: Vec<u32>,
+    /// Half planes about the tile's centre.
+    lines: Vec<[Line; 5]>,
+    /// Whose pages are rendered, and these.
+    pictures: Vec<Picture>,
+    pages: Pages,
+    /// The pixel in work is evaluated once: rendering pages would not pay.
+    once: bool,
+    /// By moment and slot: from the screen to its picture.
+    warps: Vec<Option<DMat3>>,
+    texels: CellMeans,
+}
+
+/// Means of a facet's texture over some pixels of a tile.
+#[derive(Default)]
+struct CellMeans {
+    /// Corners of all pixels of a rectangle, on the texture.
+    corners: Vec<DVec2>,
+    /// Means over its pixels, row by row.
+    cells: Cells,
+    /// Which of them are wanted.
+    pixels: u64,
+    /// Column and row of the rectangle's first pixel in the tile.
+    first: [usize; 2],
+    columns: usize,
+}
+
+impl CellMeans {
+    fn of(&self, pixel: usize) -> Option<[f32; 4]> {
+        let [x, y] = [pixel % TILE, pixel / TILE];
+        let known = self.pixels >> pixel & 1 == 1;
+        known.then(|| self.cells.means[(y - self.first[1]) * self.columns + x - self.first[0]].to_array())
+    }
+}
+
+impl TileLight {
+    /// Says whether the next pixel is evaluated once only, and returns what was said before.
+    pub fn enter_pixel(&mut self, once: bool) -> bool {
+        std::mem::replace(&mut self.once, once)
+    }
+}
+
+/// Occluders of a slot and a lamp, as a range.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+struct Shade {
+    from: usize,
+    to: usize,
+    /// Pixels of the tile that one of them darkens throughout the block.
+    dark: u64,
+    /// Pixels into which a shadow may come.
+    touched: u64,
+}
+
+/// Most lamps whose light is kept apart, as there are bits in a byte; further ones throw no shadows.
+pub const MOST_OWN: usize = 8;
+
+/// What may throw shadows.
+#[derive(Clone, Copy)]
+enum Casters {
+    Moving,
+    Still,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Slot {
+    /// The rest is filled in.
+    ready: bool,
+    /// The response is 1.
+    unlit: bool,
+    /// Cells of the facet's grid along s and t.
+    cells: [f64; 2],
+    /// First cell that is kept, and how many along s and t.
+    first: [f64; 2],
+    count: [usize; 2],
+    /// First patch in [`TileLight::patches`], of the block's start and of its end.
+    at: [usize; 2],
+    /// Lamps of which some arrives.
+    lit: u8,
+    shades: [Shade; MOST_OWN],
+    /// The highest frequency of a sine by which its light changes, in hertz of the scene's clock.
+    sine_hz: f64,
+    /// How far a shadow's edge moves in it during the block, in pixels.
+    motion: f64,
+    /// Pixels into which a shadow of what moves may come.
+    moved: u64,
+    /// Nothing else of it changes during the block.
+    still: bool,
+    /// Occluders are found.
+    shaded: bool,
+    /// The part of the facet that the tile sees.
+    range: [[f64; 2]; 2],
+    level: [u32; 2],
+    /// Pixels that may see it.
+    touches: u64,
+    /// Whether it was decided on its picture, and its number in [`TileLight::pictures`].
+    pictured: bool,
+    picture: Option<u32>,
+}
+
+/// What all views of a scene share: its textures and its indirect light.
+pub struct Shared {
+    textures: Textures,
+    around: Around,
+}
+
+impl Shared {
+    /// That of `scene`.
+    pub fn new(scene: &evis_scene::Scene) -> Arc<Self> {
+        Arc::new(Self { textures: Textures::new(scene), around: Around::new(scene) })
+    }
+}
+
+impl<'a> Lighting<'a> {
+    /// Light of `world`; `shared` is of its scene.
+    pub fn new(world: &'a World<'a>, shared: &Arc<Shared>) -> Self {
+        let factors = world.scene.materials.iter().map(Material::factors).collect();
+        let lights = world.scene.lights.iter().map(Light::factors).collect();
+        Self::with_factors(world, shared, factors, lights)
+    }
+
+    /// As [`Lighting::new`], with these factors of the scene's materials and lights.
+    fn with_factors(
+        world: &'a World<'a>,
+        shared: &Arc<Shared>,
+        factors: Vec<MaterialFactors>,
+        lights: Vec<LightFactors>,
+    ) -> Self {
+        let scene = world.scene;
+        let textures = &shared.textures;
+        let look = |f: &Facet| {
+            let own = &factors[world.surfaces[f.surface as usize].material];
+            look(world, textures, f.surface, f.corners, own.base_color)
+        };
+        let looks = world.facets.iter().map(look).collect();
+        let answers = world.surfaces.iter().map(|s| {
+            let (m, own) = (&scene.materials[s.material], &factors[s.material]);
+            let mean = m.base_color_texture.map_or([1.0; 4], |t| whole_mean(textures, t));
+            let of = |t: Option<TextureRef>| t.map_or([1.0; 4], |t| whole_mean(textures, t));
+            let (surface, occlusion) = (of(m.metallic_roughness_texture), of(m.occlusion_texture));
+            let base = wide(own.base_color);
+            let glow = wide(own.emissive) * DVec3::from_slice(&of(m.emissive_texture).map(f64::from)[..3]);
+            Answer {
+                model: m.model,
+                metallic: f64::from(own.metallic * surface[2]).clamp(0.0, 1.0),
+                roughness: f64::from(own.roughness * surface[1]).clamp(0.0, 1.0),
+                occlusion: 1.0 + f64::from(m.occlusion_strength * (occlusion[0] - 1.0)),
+                mean_base: base * DVec3::from_slice(&mean.map(f64::from)[..3]),
+                follows_view: m.model == ShadingModel::MetallicRoughness,
+                glow: material::LUMINANCE.dot(glow),
+                waveform: m.emission_waveform.filter(|w| !w.rests()),
+                maps: Maps::of(m).filter(|_| m.model != ShadingModel::Unlit).map(|maps| Mapped {
+                    maps,
+                    metallic: f64::from(own.metallic),
+                    roughness: f64::from(own.roughness),
+                    emissive: wide(own.emissive),
+                }),
+            }
+        });
+        let answers = answers.collect();
+        Self {
+            world,
+            looks,
+            answers,
+            factors,
+            lights,
+            shared: Arc::clone(shared),
+            lamps: Default::default(),
+            frames: None,
+            own: Vec::new(),
+            corners: Vec::new(),
+            tangents: Vec::new(),
+            borders: [0; 2],
+            patches: (0..SHARDS).map(|_| Map::default()).collect(),
+            shadowed: (0..SHARDS).map(|_| Map::default()).collect(),
+            block: 0,
+            shaded: Default::default(),
+            screen_lamps: Vec::new(),
+            lamp_places: Vec::new(),
+            still: Tree::default(),
+            moving: Tree::default(),
+            moving_facets: Vec::new(),
+            own_facets: Vec::new(),
+            own_lamps: Vec::new(),
+            far: vec![0; world.facets.len()],
+            facing: vec![[0; 2]; world.facets.len()],
+            dark_spaces: Default::default(),
+            occluders: Vec::new(),
+            screen: [DMat4::IDENTITY; 3],
+            middle: Vec::new(),
+            background: material::LUMINANCE.dot(wide(scene.background)),
+            camera_moves: world.moving_nodes[scene.cameras[world.camera].node],
+        }
+    }
+
+    /// Moves on to the block of `clock`.
+    ///
+    /// # Errors
+    /// A camera without a pose.
+    pub fn prepare(&mut self, clock: &mut Clock, block: &Block) -> Result<(), Error> {
+        let world = self.world;
+        self.block += 1;
+        let frames = clock.ends()?;
+        let state = &frames[0].state;
+        if state.factors != self.factors || state.lights != self.lights {
+            // What is kept of earlier blocks was lit as materials and lights were then.
+            let (block, shaded) = (self.block, std::mem::take(&mut self.shaded));
+            let (factors, lights) = (state.factors.clone(), state.lights.clone());
+            let now = Self::with_factors(world, &Arc::clone(&self.shared), factors, lights);
+            *self = Self { block, shaded, ..now };
+        }
+        self.lamps = frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
+        let apart = |l: &Lamp| l.casts_shadow || l.waveform.is_some();
+        self.own = (0..self.lamps[0].len()).filter(|k| apart(&self.lamps[0][*k])).take(MOST_OWN).collect();
+        let first = self.corners.is_empty();
+        for (index, surface) in world.surfaces.iter().enumerate() {
+            let both = || frames.each_ref().map(|f| world.vertices(index as u32, f));
+            let tangents = || match self.answers[index].maps {
+                Some(_) => frames.each_ref().map(|f| world.tangents(index as u32, f)),
+                None => Default::default(),
+            };
+            if first {
+                self.corners.push(both());
+                self.tangents.push(tangents());
+            } else if surface.moves {
+                self.corners[index] = both();
+                self.tangents[index] = tangents();
+            }
+        }
+        self.frames = Some(frames);
+        self.prepare_shadows(clock, first)?;
+        // At a jump, what held before the border does not hold after it.
+        let key = |t: f64, after: bool| ((t * 16.0) as u64) << 1 | u64::from(after) | 1 << 63;
+        self.borders = [key(block.start_us, block.jump), key(block.end_us, false)];
+        for shard in &mut self.patches {
+            let map = shard.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
+            map.retain(|key, _| key.border == 0 || self.borders.contains(&key.border));
+        }
+        Ok(())
+    }
+
+    /// Prepares `tile` for the tile at (column, row); an entry's light is gathered when a pixel first sees it.
+    pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], place: [usize; 2]) {
+        tile.slots.clear();
+        tile.slots.extend(entries.iter().map(|e| Slot { touches: e.touches, ..Slot::default() }));
+        tile.pictures.clear();
+        tile.pages.enter_tile(self.block);
+        tile.warps.clear();
+        tile.patches.clear();
+        tile.occluders.clear();
+        tile.line_starts.clear();
+        tile.lines.clear();
+        tile.view = self.world.tile(place);
+    }
+
+    /// Gathers the light of entry `slot` of a tile, which is `record`, number `index` of the block.
+    pub fn ready(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
+        if !tile.slots[slot].ready {
+            tile.slots[slot] = self.gather(tile, record, index, tile.slots[slot].touches);
+        }
+    }
+
+    /// Finds what throws shadows on entry `slot`, and where its light is rendered; before its light is asked for.
+    #[inline(always)]
+    pub fn shade_slot(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
+        if !tile.slots[slot].shaded {
+            let mut own = tile.slots[slot];
+            self.find_occluders(tile, &mut own, record, index, Casters::Still);
+            own.shaded = true;
+            tile.slots[slot] = own;
+        }
+        if !tile.slots[slot].pictured && !tile.once {
+            tile.slots[slot].pictured = true;
+            tile.slots[slot].picture = self.picture(tile, record, index);
+        }
+    }
+
+    /// Whether nothing of entry `slot` changes during the block but for where it is seen, and by shadows of what moves; how
+    /// far in pixels these move, and on which pixels.
+    pub fn changes_of(&self, tile: &TileLight, slot: usize) -> (bool, f64, u64) {
+        let slot = &tile.slots[slot];
+        (slot.still, slot.motion, slot.moved)
+    }
+
+    /// The highest frequency of a sine by which light of entry `slot` changes, in hertz of the scene's clock.
+    pub fn sine_hz(&self, tile: &TileLight, slot: usize) -> f64 {
+        tile.slots[slot].sine_hz
+    }
+
+    fn gather(&self, tile: &mut TileLight, record: &Record, index: u32, touches: u64) -> Slot {
+        let surface = self.world.facets[record.facet as usize].surface as usize;
+        let answer = &self.answers[surface];
+        let mut slot = Slot { ready: true, still: answer.waveform.is_none(), touches, ..Slot::default() };
+        slot.sine_hz = sine_hz(answer.waveform);
+        if answer.model == ShadingModel::Unlit {
+            slot.unlit = true;
+            slot.shaded = true;
+            return slot;
+        }
+        // Where the tile sees the facet, in (s, t).
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let mut front = true;
+        for sight in self.receivers(record, &tile.view).into_iter().flatten() {
+            let Some(fragment) = sight.at(index, &WHOLE, false) else { continue };
+            front = sight.front;
+            for corner in Polygon::within(fragment.crossing()).corners() {
+                let place = sight.place(*corner);
+                for k in 0..2 {
+                    let p = place[k].clamp(0.0, 1.0);
+                    low[k] = low[k].min(p);
+                    high[k] = high[k].max(p);
+                }
+            }
+        }
+        if low[0] > high[0] {
+            (low, high) = ([0.0; 2], [1.0; 2]);
+        }
+        let level = [0, 1].map(|k| {
+            let wanted = (1.0 / (high[k] - low[k]).max(1e-6)).log2().floor();
+            (wanted.max(0.0) as u32).min(MOST_LEVEL)
+        });
+        slot.cells = level.map(|l| f64::from(1_u32 << l));
+        slot.first = [0, 1].map(|k| (low[k] * slot.cells[k]).floor().min(slot.cells[k] - 1.0));
+        slot.count = [0, 1].map(|k| {
+            let last = (high[k] * slot.cells[k]).ceil().min(slot.cells[k]) - 1.0;
+            (last - slot.first[k]).max(0.0) as usize + 1
+        });
+        let changes = self.changes(surface);
+        slot.still &= !changes;
+        let mapped = answer.maps.is_some();
+        if mapped {
+            // A normal map may face any lamp.
+            slot.lit = ((1_u16 << self.own.len()) - 1) as u8;
+        }
+        for end in 0..if mapped { 0 } else { self.ends(surface) } {
+            slot.at[end] = tile.patches.len();
+            let border = if changes { self.borders[end] } else { 0 };
+            for j in 0..slot.count[1] {
+                for i in 0..slot.count[0] {
+                    let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
+                    let patch = self.patch(Key::new(record.facet, level, index, front, border), end);
+                    slot.lit |= patch.lit;
+                    tile.patches.push(patch);
+                }
+            }
+        }
+        if !changes {
+            slot.at[1] = slot.at[0];
+        }
+        for (number, &lamp) in self.own.iter().enumerate() {
+            if slot.lit >> number & 1 == 1 {
+                let waveform = self.lamps[0][lamp].waveform;
+                slot.still &= waveform.is_none();
+                slot.sine_hz = slot.sine_hz.max(sine_hz(waveform));
+            }
+        }
+        (slot.range, slot.level) = ([low, high], level);
+        slot.shaded = slot.lit == 0;
+        if !slot.shaded && !self.moving.is_empty() {
+            self.find_occluders(tile, &mut slot, record, index, Casters::Moving);
+        }
+        slot
+    }
+
+    /// Of how many ends of a block light is kept apart.
+    fn ends(&self, surface: usize) -> usize {
+        if self.changes(surface) { 2 } else { 1 }
+    }
+
+    fn changes(&self, surface: usize) -> bool {
+        self.answers[surface].follows_view && self.camera_moves
+            || self.world.surfaces[surface].moves
+            || self.lamps[0].iter().any(|l| l.moves)
+    }
+
+    /// Light of a cell, shaded where nobody has.
+    fn patch(&self, key: Key, end: usize) -> Arc<Patch> {
+        let shard = &self.patches[shard_of(&key)];
+        let lock = || shard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(known) = lock().get(&key) {
+            return known.clone();
+        }
+        // Whoever comes second computes the same: a cell's light depends on its key alone.
+        let patch = Arc::new(self.shade_patch(&key, end));
+        lock().insert(key, patch.clone());
+        patch
+    }
+
+    /// Shades a cell at ever more nodes, until light in the middle between nodes is what these say.
+    fn shade_patch(&self, key: &Key, end: usize) -> Patch {
+        let lamps = 1 + self.own.len();
+        let surface = self.world.facets[key.facet as usize].surface as usize;
+        let base = self.answers[surface].mean_base.max(DVec3::splat(0.05));
+        let luminance = |node: &[[f32; 4]]| -> f64 {
+            let of = |v: &[f32; 4]| {
+                base.dot(DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))) + f64::from(v[3])
+            };
+            node.iter().map(of).sum()
+        };
+        let shade = |x: f64, y: f64, out: &mut Vec<[f32; 4]>| {
+            let place =
+                [0, 1].map(|k| (f64::from(key.index[k]) + [x, y][k]) / f64::from(1_u32 << key.level[k]));
+            self.shade(key.facet, place, key.level[2] == 1, end, out);
+        };
+        let (mut nodes, mut middles) = (Vec::new(), Vec::new());
+        let mut intervals = 1_u32;
+        for finer in 0..=MOST_FINER {
+            intervals = 1 << finer;
+            let step = 1.0 / f64::from(intervals);
+            nodes.clear();
+            for j in 0..=intervals {
+                for i in 0..=intervals {
+                    shade(f64::from(i) * step, f64::from(j) * step, &mut nodes);
+                }
+            }
+            if finer == MOST_FINER {
+                break;
+            }
+            middles.clear();
+            let mut smooth = true;
+            for cell in 0..intervals * intervals {
+                let (i, j) = (cell % intervals, cell / intervals);
+                middles.clear();
+                shade((f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * step, &mut middles);
+                let found = luminance(&middles);
+                let row = intervals + 1;
+                let around = [0, 1, row, row + 1].map(|o| {
+                    let at = (j * row + i + o) as usize * lamps;
+                    luminance(&nodes[at..at + lamps])
+                });
+                let expected = 0.25 * around.iter().sum::<f64>();
+                if (found - expected).abs() > SMOOTH * found.abs() {
+                    smooth = false;
+                    break;
+                }
+            }
+            if smooth {
+                break;
+            }
+        }
+        let mut lit = 0;
+        for (k, value) in nodes.iter().enumerate() {
+            if !k.is_multiple_of(lamps) && value.iter().any(|v| *v != 0.0) {
+                lit |= 1 << (k % lamps - 1);
+            }
+        }
+        Patch { intervals, nodes: nodes.into(), lit }
+    }
+
+    fn shade(&self, facet: u32, place: [f64; 2], front: bool, end: usize, out: &mut Vec<[f32; 4]>) {
+        self.shaded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let point = self.point(facet, place, front, end);
+        let pack =
+            |r: &Response| [r.linear.x as f32, r.linear.y as f32, r.linear.z as f32, r.constant as f32];
+        let mut responses = [Response::default(); 1 + MOST_OWN];
+        respond(&point, &self.lamps[end], &self.own, &self.shared.around, &mut responses);
+        out.extend(responses[..1 + self.own.len()].iter().map(pack));
+    }
+
+    /// A place (s, t) of a facet at an end of the block, without what maps say.
+    fn point(&self, facet: u32, [s, t]: [f64; 2], front: bool, end: usize) -> Point {
+        let f = &self.world.facets[facet as usize];
+        let surface = f.surface as usize;
+        let corners = &self.corners[surface][end];
+        let [a, b, _, d] = f.corners.map(|c| corners[c as usize]);
+        let blend = |a: DVec3, b: DVec3, d: DVec3| a + (b - a) * s + (d - a) * t;
+        let position = blend(a.0, b.0, d.0);
+        let side = if front { 1.0 } else { -1.0 };
+        let answer = &self.answers[surface];
+        let frame = self.frames.as_ref().map(|f| &f[end]);
+        Point {
+            model: answer.model,
+            position,
+            normal: blend(a.1, b.1, d.1).normalize_or(DVec3::Z) * side,
+            to_eye: frame.map_or(DVec3::Z, |f| (f.eye - position).normalize_or(DVec3::Z)),
+            metallic: answer.metallic,
+            roughness: answer.roughness,
+            occlusion: answer.occlusion,
+            mean_base: answer.mean_base,
+        }
+    }
+
+    /// Mean of the texture of entry `part.slot` over `part.moments`.
+    #[inline(always)]
+    fn texel(&self, part: &Part, texture: usize) -> [f32; 4] {
+        let look = &self.looks[part.sight.facet as usize];
+        let (centre, axes) = part.moments.footprint();
+        let (place, change) = part.sight.parameters(part.frame.point(centre));
+        let to_texels = |v: [f64; 2]| [0, 1].map(|k| look.along[0][k] * v[0] + look.along[1][k] * v[1]);
+        let at = to_texels(place);
+        let at = [at[0] + look.origin[0], at[1] + look.origin[1]];
+        let along =
+            |axis: [f64; 2]| to_texels([0, 1].map(|k| change[0][k] * axis[0] + change[1][k] * axis[1]));
+        self.shared.textures.mean(texture, at, axes.map(|axis| along(part.frame.vector(axis))))
+    }
+
+    /// Luminance of the `pixels` of a tile that see nothing but entry `slot`, which is `sight` at `at`.
+    pub fn of_pixels(
+        &self,
+        tile: &mut TileLight,
+        (slot, sight): (usize, &Sight),
+        pixels: u64,
+        at: &Instant,
+        out: &mut [f64; PIXELS],
+    ) {
+        self.find_cells(tile, sight, pixels);
+        for pixel in bits(pixels) {
+            let frame = tile.view.pixel(pixel);
+            let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, frame };
+            let texel = tile.texels.of(pixel);
+            out[pixel] = self.luminance(tile, &part, at, texel);
+        }
+    }
+
+    /// Finds means of a facet's texture over `pixels`, which share their edges, unless it has none.
+    fn find_cells(&self, tile: &mut TileLight, sight: &Sight, pixels: u64) {
+        tile.texels.pixels = 0;
+        let facet = sight.facet as usize;
+        let look = &self.looks[facet];
+        let Some(texture) = look.texture else { return };
+        let columns_of = bits(pixels).fold(0_u64, |m, pixel| m | 1 << (pixel % TILE));
+        let [left, right] = [columns_of.trailing_zeros(), 64 - columns_of.leading_zeros()];
+        let [top, bottom] = [pixels.trailing_zeros(), 63 - pixels.leading_zeros()].map(|v| v / TILE as u32);
+        let [columns, rows] = [right - left, bottom + 1 - top].map(|v| v as usize);
+        if (pixels.count_ones() as usize) * 2 < columns * rows {
+            return;
+        }
+        let [along_s, along_t] = look.along.map(|v| DVec3::new(v[0], v[1], 0.0));
+        let texels = DMat3::from_cols(along_s, along_t, DVec3::new(look.origin[0], look.origin[1], 1.0));
+        let texels_from_image = texels * sight.facet_from_image();
+        let half = 0.5 * TILE as f64;
+        let first = DVec2::new(f64::from(left), f64::from(top)) - half;
+        let last = first + DVec2::new(columns as f64, rows as f64);
+        // Pixels are smallest on the texture where it is nearest.
+        let corners = [[first.x, first.y], [last.x, first.y], [first.x, last.y], [last.x, last.y]];
+        let depth = &sight.inverse_depth;
+        let [nearest, farthest] = [f64::total_cmp, |a: &f64, b: &f64| b.total_cmp(a)].map(|order| {
+            corners.into_iter().max_by(|a, b| order(&depth.at(*a), &depth.at(*b))).unwrap_or_default()
+        });
+        // A mean over a part of the texture counts what is farther away more than one over the pixel does.
+        if 2.0 * depth.reach() > MOST_PERSPECTIVE * depth.at(farthest) {
+            return;
+        }
+        let pixel = change(&texels_from_image, nearest);
+        let cells = &mut tile.texels;
+        cells.corners.clear();
+        for j in 0..=rows {
+            for i in 0..=columns {
+                let [x, y] = tile.view.corner(left as usize + i, top as usize + j);
+                let h = texels_from_image * DVec3::new(x, y, 1.0);
+                cells.corners.push(DVec2::new(h.x, h.y) / h.z);
+            }
+        }
+        let axes = [pixel.x_axis.to_array(), pixel.y_axis.to_array()];
+        let textures = &self.shared.textures;
+        if textures.cells(texture, &cells.corners, columns, axes, &mut cells.cells).is_some() {
+            (cells.pixels, cells.first, cells.columns) = (pixels, [left as usize, top as usize], columns);
+        }
+    }
+
+    /// Luminance that a facet, entry `part.slot` of its tile, adds to a pixel.
+    pub fn of_part(&self, tile: &mut TileLight, part: &Part, at: &Instant) -> f64 {
+        self.luminance(tile, part, at, None)
+    }
+
+    /// The same; `texel` is the mean of its texture over the part, where that is known.
+    #[inline(always)]
+    fn luminance(&self, tile: &mut TileLight, part: &Part, at: &Instant, texel: Option<[f32; 4]>) -> f64 {
+        let Part { slot, moments, .. } = *part;
+        let inverse = 1.0 / moments.area;
+        let place = part.sight.place(part.frame.point(moments.first.map(|v| v * inverse)));
+        let facet = part.sight.facet as usize;
+        let answer = &self.answers[self.world.facets[facet].surface as usize];
+        let look = &self.looks[facet];
+        let mut base = look.base;
+        if look.shaded {
+            base += look.base_along[0] * place[0] + look.base_along[1] * place[1];
+        }
+        if let Some(texture) = look.texture {
+            let texel = texel.unwrap_or_else(|| self.texel(part, texture));
+            base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
+        }
+        if let Some(mapped) = &answer.maps {
+            return moments.area * self.of_maps(tile, mapped, part, at, look.texture.map(|_| base));
+        }
+        let glow = answer.waveform.map_or(1.0, |w| w.factor(at.t_s));
+        if tile.slots[slot].unlit {
+            return moments.area * glow * material::LUMINANCE.dot(base);
+        }
+        let of = |r: [f64; 4]| base.x * r[0] + base.y * r[1] + base.z * r[2] + r[3];
+        let mut sum = answer.glow * glow + of(self.interpolate(tile, slot, place, at.u, 0));
+        for number in 0..self.own.len() {
+            if tile.slots[slot].lit >> number & 1 == 0 {
+                continue;
+            }
+            let strength = self.arriving(tile, part, at, number);
+            if strength > 0.0 {
+                sum += strength * of(self.interpolate(tile, slot, place, at.u, 1 + number));
+            }
+        }
+        moments.area * sum
+    }
+
+    #[inline(always)]
+    fn interpolate(&self, tile: &TileLight, slot: usize, place: [f64; 2], u: f64, lamp: usize) -> [f64; 4] {
+        let slot = &tile.slots[slot];
+        let lamps = 1 + self.own.len();
+        let (mut cell, mut within) = ([0_usize; 2], [0.0; 2]);
+        for k in 0..2 {
+            let at = (place[k] * slot.cells[k] - slot.first[k]).clamp(0.0, slot.count[k] as f64);
+            cell[k] = (at as usize).min(slot.count[k] - 1);
+            within[k] = at - cell[k] as f64;
+        }
+        let number = cell[1] * slot.count[0] + cell[0];
+        let at = |end: usize| {
+            let patch = &tile.patches[slot.at[end] + number];
+            let intervals = patch.intervals as usize;
+            let node = |k: usize| {
+                let at = within[k] * intervals as f64;
+                let low = (at as usize).min(intervals - 1);
+                (low, (at - low as f64) as f32)
+            };
+            let ((i, x), (j, y)) = (node(0), node(1));
+            let row = intervals + 1;
+            let corner = j * row + i;
+            let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
+            let mut sum = [0.0_f32; 4];
+            for (offset, weight) in [0, 1, row, row + 1].into_iter().zip(weights) {
+                let node = &patch.nodes[(corner + offset) * lamps + lamp];
+                for k in 0..4 {
+                    sum[k] += weight * node[k];
+                }
+            }
+            sum
+        };
+        let a = at(0);
+        if slot.at[0] == slot.at[1] {
+            return a.map(f64::from);
+        }
+        let b = at(1);
+        [0, 1, 2, 3].map(|k| f64::from(a[k]) + (f64::from(b[k]) - f64::from(a[k])) * u)
+    }
+
+    /// Whether what lies behind everything is the same everywhere and always.
+    pub fn background_rests(&self) -> bool {
+        !self.camera_moves || !self.world.scene.environment.as_ref().is_some_and(|e| e.visible)
+    }
+
+    /// Mean luminance of what lies behind everything, over a part of a pixel of the tile `view`.
+    pub fn background(&self, view: &TileView, frame: &PixelFrame, moments: &Moments, u: f64) -> f64 {
+        let environment = self.world.scene.environment.as_ref().filter(|e| e.visible);
+        let (Some(environment), Some(frames)) = (environment, &self.frames) else { return self.background };
+        let (at, axes) = moments.footprint();
+        let seen = view.image_point(frame.point(at));
+        let of = |frame: &Frame| {
+            // The direction whose homogeneous image point is (x, y, 1).
+            let matrix = glam::DMat3::from_mat4(frame.screen_from_world).inverse();
+            let direction = matrix * seen;
+            let pixel = axes[0][0].max(axes[1][1]) / frame.lens.focal[0];
+            material::sky(environment, direction, pixel)
+        };
+        let (a, b) = (of(&frames[0]), of(&frames[1]));
+        a + (b - a) * u
+    }
+}
+
+/// Numbers of the bits that are set.
+pub fn bits(mut of: u64) -> impl Iterator<Item = usize> {
+    std::iter::from_fn(move || {
+        let bit = of.trailing_zeros() as usize;
+        of &= of.wrapping_sub(1);
+        (bit < 64).then_some(bit)
+    })
+}
+
+/// A time within a block.
+#[derive(Clone, Copy, Debug)]
+pub struct Instant {
+    /// Its number in the tile.
+    pub moment: usize,
+    /// Part of the block.
+    pub u: f64,
+    /// Seconds of the scene's own time, its speed included.
+    pub t_s: f64,
+}
+
+/// What a pixel sees of a facet.
+#[derive(Clone, Copy)]
+pub struct Part<'a> {
+    /// Entry of the tile.
+    pub slot: usize,
+    /// The facet about the tile's centre.
+    pub sight: &'a Sight,
+    /// How much is seen.
+    pub moments: &'a Moments,
+    /// Where it is seen, and its number there; all of the pixel where this is `None`.
+    pub regions: Option<(&'a Polygons, u32)>,
+    /// Number of the pixel in its tile.
+    pub pixel: usize,
+    /// Where that is.
+    pub frame: PixelFrame,
+}
+
+/// A sphere that holds the `points`.
+fn sphere(points: impl Iterator<Item = DVec3> + Clone) -> (DVec3, f64) {
+    let [low, high] = bounding_box(points);
+    (0.5 * (low + high), 0.5 * (high - low).length())
+}
+
+/// The part of a facet with these corners in a range of (s, t).
+fn part_between([p, q, _, r]: [DVec3; 4], [low, high]: [[f64; 2]; 2]) -> [DVec3; 4] {
+    let corners = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
+    corners.map(|[s, t]| p + (q - p) * s + (r - p) * t)
+}
+
+fn shard_of(key: &Key) -> usize {
+    (Words::default().hash_one(key) >> 32) as usize % SHARDS
+}
+
+fn whole_mean(textures: &Textures, texture: TextureRef) -> [f32; 4] {
+    textures.overall(texture.texture)
+}
+
+/// Of a sine: square waves are constant between the blocks' borders.
+fn sine_hz(waveform: Option<Waveform>) -> f64 {
+    waveform.filter(|w| w.shape == WaveShape::Sine).map_or(0.0, |w| w.frequency_hz)
+}
+
+fn look(world: &World, textures: &Textures, surface: u32, corners: [u32; 4], factor: [f32; 3]) -> Appearance {
+    let primitive = world.primitive(surface);
+    let material = &world.scene.materials[world.surfaces[surface as usize].material];
+    let [a, b, _, d] = corners.map(|c| c as usize);
+    let base = |i: usize| {
+        let color = primitive.colors.as_ref().and_then(|c| c.get(i)).copied().unwrap_or([1.0; 4]);
+        DVec3::new(
+            f64::from(factor[0] * color[0]),
+            f64::from(factor[1] * color[1]),
+            f64::from(factor[2] * color[2]),
+        )
+    };
+    let mut look = Appearance {
+        texture: None,
+        origin: [0.0; 2],
+        along: [[0.0; 2]; 2],
+        base: base(a),
+        base_along: [base(b) - base(a), base(d) - base(a)],
+        shaded: base(b) != base(a) || base(d) != base(a),
+    };
+    let map = material.base_color_texture.and_then(|t| TextureMap::new(textures, primitive, corners, t));
+    if let Some(map) = map {
+        look.texture = Some(map.texture);
+        look.origin = map.origin.to_array();
+        look.along = map.along.to_cols_array_2d();
+    }
+    look
+}
+
+#[cfg(test)]
+mod tests;

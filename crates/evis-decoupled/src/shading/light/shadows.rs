@@ -1,0 +1,514 @@
+//! What may throw a shadow where, and how much of a lamp's light arrives.
+
+use std::sync::{Arc, OnceLock};
+
+use glam::DVec3;
+
+use super::{
+    Casters, Corners, Instant, Key, Lighting, MOST_OWN, Part, Shade, Shadowed, Slot, TileLight, WHOLE,
+    part_between, shard_of, sphere,
+};
+use crate::Error;
+use crate::scene::facets::{ALONE, wide};
+use crate::scene::tiles::{TILE, TileView};
+use crate::shading::material::{self, Lamp};
+use crate::shading::shadow::{Beam, Hull, Occluder, ScreenLamp, Tree, misses};
+use crate::visibility::blocks::Clock;
+use crate::visibility::fragment::Sight;
+use crate::visibility::lists::Record;
+
+impl Lighting<'_> {
+    /// What may throw shadows during the block of `clock`; `first` of all blocks also what never moves.
+    pub(super) fn prepare_shadows(&mut self, clock: &mut Clock, first: bool) -> Result<(), Error> {
+        let world = self.world;
+        let frames = clock.thirds()?;
+        self.screen = frames.each_ref().map(|f| f.screen_from_world);
+        let lamps: [Vec<Lamp>; 3] =
+            frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
+        self.screen_lamps.clear();
+        self.lamp_places.clear();
+        for &index in &self.own {
+            let (_, weight) = lamps[0][index].place();
+            let h = [0, 1, 2].map(|k| {
+                let place = lamps[k][index].place().0;
+                if weight == 0.0 {
+                    self.screen[k].transform_vector3(place)
+                } else {
+                    self.screen[k].transform_point3(place)
+                }
+            });
+            self.screen_lamps.push(ScreenLamp::new(h, weight));
+            self.lamp_places.push([0, 1, 2].map(|k| lamps[k][index].place().0));
+        }
+        let shadows = self.own.iter().any(|k| self.lamps[0][*k].casts_shadow);
+        if first {
+            let still = world.facets.iter().enumerate().filter_map(|(index, f)| {
+                let surface = f.surface as usize;
+                (shadows && !world.surfaces[surface].moves).then(|| {
+                    let (centre, radius) =
+                        sphere(f.corners.map(|c| self.corners[surface][0][c as usize].0).into_iter());
+                    (centre, radius, index as u32)
+                })
+            });
+            self.still = Tree::new(still);
+            for spaces in self.dark_spaces.iter_mut().take(if shadows { self.own.len() } else { 0 }) {
+                spaces.resize_with(world.facets.len(), OnceLock::new);
+            }
+            self.middle = vec![Corners::new(); world.surfaces.len()];
+            self.moving_facets.resize_with(world.surfaces.len(), Tree::default);
+            self.own_facets.resize_with(world.surfaces.len(), Tree::default);
+            self.own_lamps.resize_with(world.surfaces.len(), Vec::new);
+        }
+        self.moving = Tree::default();
+        if !shadows {
+            return Ok(());
+        }
+        self.occluders.clear();
+        self.occluders.resize_with(world.facets.len(), OnceLock::new);
+        let lamps_move = self.own.iter().any(|k| self.lamps[0][*k].moves);
+        let mut moving = Vec::new();
+        for (index, surface) in world.surfaces.iter().enumerate() {
+            if first || lamps_move || surface.moves {
+                self.find_far_sides(index);
+            }
+            if !surface.moves {
+                continue;
+            }
+            self.middle[index] = world.vertices(index as u32, &frames[1]);
+            let places = [&self.corners[index][0], &self.middle[index], &self.corners[index][1]];
+            let facets = || world.clusters[surface.clusters.clone()].iter().flat_map(|c| c.facets.clone());
+            let spheres = facets().map(|facet| {
+                let points = world.facets[facet].corners.map(|c| places.map(|p| p[c as usize].0));
+                let (centre, radius) = sphere(points.into_iter().flatten());
+                // An arc between the three places bulges by less than a quarter of its chord.
+                let travel = points.iter().map(|p| p[0].distance(p[2])).fold(0.0, f64::max);
+                (centre, radius + 0.25 * travel, facet as u32)
+            });
+            self.moving_facets[index] = Tree::new(spheres);
+            moving.extend(
+                self.moving_facets[index].whole().map(|(centre, radius)| (centre, radius, index as u32)),
+            );
+            if surface.deforms {
+                continue;
+            }
+            if first {
+                let primitive = world.primitive(index as u32);
+                let of = |facet: usize| {
+                    let corners = world.facets[facet].corners.map(|c| wide(primitive.positions[c as usize]));
+                    let (centre, radius) = sphere(corners.into_iter());
+                    (centre, radius, facet as u32)
+                };
+                self.own_facets[index] = Tree::new(facets().map(of));
+            }
+            let inverse = frames.each_ref().map(|f| f.world_from_node(surface.node).inverse());
+            self.own_lamps[index] = (self.own.iter().zip(&self.lamp_places))
+                .map(|(&lamp, places)| {
+                    let weight = self.lamps[0][lamp].place().1;
+                    [0, 1, 2].map(|k| (inverse[k] * places[k].extend(weight)).truncate())
+                })
+                .collect();
+        }
+        self.moving = Tree::new(moving.into_iter());
+        Ok(())
+    }
+
+    /// Which sides of a surface's facets lamps see, and which facets of a solid face away from lamps outside of it.
+    pub(super) fn find_far_sides(&mut self, surface: usize) {
+        let s = &self.world.surfaces[surface];
+        let facets = self.world.clusters[s.clusters.clone()].iter().flat_map(|c| c.facets.clone());
+        let Some(frames) = &self.frames else { return };
+        let poses = [0, 1].map(|end| frames[end].world_from_node(s.node));
+        let mirrored = poses.map(|p| !s.deforms && p.determinant() < 0.0);
+        let inverse = poses.map(|p| p.inverse());
+        let mut inside = 0_u8;
+        for (number, &lamp) in self.own.iter().enumerate() {
+            for (lamps, inverse) in self.lamps.iter().zip(&inverse) {
+                let (place, weight) = lamps[lamp].place();
+                let own = inverse.transform_point3(place);
+                let within = s.deforms || (own.cmpge(s.bounds[0]) & own.cmple(s.bounds[1])).all();
+                inside |= u8::from(weight > 0.0 && within) << number;
+            }
+        }
+        for facet in facets {
+            let mut facing = [0; 2];
+            for (number, &lamp) in self.own.iter().enumerate() {
+                let heights = [0, 1].map(|end| {
+                    let corners = &self.corners[surface][end];
+                    let [p, q, _, r] = self.world.facets[facet].corners.map(|c| corners[c as usize].0);
+                    let (place, weight) = self.lamps[end][lamp].place();
+                    // Outwards, unless the pose mirrors.
+                    let normal = (q - p).cross(r - p);
+                    normal.dot(place - p * weight) * if mirrored[end] { -1.0 } else { 1.0 }
+                });
+                facing[0] |= u8::from(heights.iter().all(|h| *h > 0.0)) << number;
+                facing[1] |= u8::from(heights.iter().all(|h| *h < 0.0)) << number;
+            }
+            self.facing[facet] = facing;
+            self.far[facet] = if s.closed { facing[1] & !inside } else { 0 };
+        }
+    }
+
+    /// Bits of the edges of `facet` that are no silhouettes for lamp `number`: a neighbor that faces it alike continues the shadow.
+    pub(super) fn inner_edges(&self, facet: u32, number: usize) -> u8 {
+        let sides = |facet: u32| self.facing[facet as usize].map(|bits| bits >> number & 1);
+        let own = sides(facet);
+        let goes_on = |other: u32| {
+            own != [0; 2]
+                && other != ALONE
+                && sides(other) == own
+                && self.far[other as usize] >> number & 1 == 0
+        };
+        let edges = self.world.neighbors[facet as usize].into_iter().enumerate();
+        edges.fold(0, |bits, (k, other)| bits | u8::from(goes_on(other)) << k)
+    }
+
+    /// What of everything still may throw a shadow of lamp `number` into a cell of a still facet.
+    pub(super) fn shadowed(&self, key: Key, number: usize) -> Arc<Shadowed> {
+        let shard = &self.shadowed[shard_of(&key)];
+        let lock = || shard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
+        if let Some(known) = lock().get(&key) {
+            return known.clone();
+        }
+        let f = &self.world.facets[key.facet as usize];
+        let surface = f.surface as usize;
+        let corners = |facet: u32| {
+            let f = &self.world.facets[facet as usize];
+            f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0)
+        };
+        let [p, q, _, r] = f.corners.map(|c| self.corners[surface][0][c as usize].0);
+        let at = |i: u32, j: u32| {
+            let side = [0, 1].map(|k| 1.0 / f64::from(1_u32 << key.level[k]));
+            let (s, t) = (
+                f64::from(u32::from(key.index[0]) + i) * side[0],
+                f64::from(u32::from(key.index[1]) + j) * side[1],
+            );
+            p + (q - p) * s + (r - p) * t
+        };
+        let cell = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
+        let (place, weight) = self.lamps[0][self.own[number]].place();
+        let middle = cell.iter().sum::<DVec3>() / 4.0;
+        let radius = cell.iter().map(|c| c.distance(middle)).fold(0.0, f64::max) * 1.001 + 1e-6;
+        let mut facets = Vec::new();
+        let mut dark = false;
+        let mut add = |id: u32| {
+            if id == key.facet || self.far[id as usize] >> number & 1 == 1 {
+                return;
+            }
+            let (touches, darkens) = crate::shading::shadow::on_cell(corners(id), cell, place, weight);
+            dark |= darkens;
+            if touches {
+                facets.push(id);
+            }
+        };
+        match Beam::new(place, weight, middle, radius) {
+            Some(beam) => self.still.within(|c, r| beam.meets(c, r), &mut add),
+            None => self.still.all(&mut add),
+        }
+        facets.sort_unstable();
+        if dark {
+            facets.clear();
+        }
+        let found = Arc::new(Shadowed { dark, facets: facets.into() });
+        lock().insert(key, found.clone());
+        found
+    }
+
+    /// Finds which of the `casters` may throw a shadow of each lamp into the part of a facet that a tile sees. Those that
+    /// move are asked for first.
+    pub(super) fn find_occluders(
+        &self,
+        tile: &mut TileLight,
+        slot: &mut Slot,
+        record: &Record,
+        index: u32,
+        casters: Casters,
+    ) {
+        let facet = record.facet;
+        let f = &self.world.facets[facet as usize];
+        let surface = f.surface as usize;
+        let (mut receivers, mut tile_units, mut part) = (None, None, None);
+        for (number, &lamp) in self.own.iter().enumerate() {
+            let [a, b] = [0, 1].map(|end| &self.lamps[end][lamp]);
+            if slot.lit >> number & 1 == 0 || !a.casts_shadow || slot.shades[number].dark == u64::MAX {
+                continue;
+            }
+            tile.found.clear();
+            let resting = !self.world.surfaces[surface].moves && !a.moves;
+            if resting && self.shadows_at_rest(tile, slot, facet, number, casters) {
+                slot.shades[number] = Shade { dark: u64::MAX, ..Shade::default() };
+                continue;
+            }
+            if !resting {
+                slot.still = false;
+            }
+            // A sphere about the part of the facet, at both ends.
+            let ends = [0, 1].map(|end| {
+                let corners = &self.corners[surface][end];
+                part_between(f.corners.map(|c| corners[c as usize].0), slot.range)
+            });
+            let points = ends.as_flattened();
+            let middle = points.iter().sum::<DVec3>() / 8.0;
+            let (from, weight) = a.place();
+            let moved = from.distance(b.place().0);
+            let radius = points.iter().map(|p| p.distance(middle)).fold(0.0, f64::max) * 1.01 + moved + 1e-6;
+            let beam = Beam::new(from, weight, middle, radius);
+            // Where lamp and surface rest, what matters lies within flat walls.
+            let cell = ends[0];
+            let hull = (resting && beam.is_some()).then(|| Hull::before(cell, from, weight));
+            match casters {
+                Casters::Moving => {
+                    let meets = |centre: DVec3, radius: f64| {
+                        beam.as_ref().is_none_or(|b| b.meets(centre, radius))
+                            && hull.as_ref().is_none_or(|h| h.meets_sphere(centre, radius))
+                    };
+                    self.moving.within(meets, |other| {
+                        let other = other as usize;
+                        if other == surface && !self.own_facets[other].is_empty() {
+                            self.find_own_occluders(facet, slot.range, number, weight, &mut tile.found);
+                        } else {
+                            self.moving_facets[other].within(meets, |id| tile.found.push(id));
+                        }
+                    });
+                }
+                Casters::Still => match (&hull, &beam) {
+                    (Some(hull), _) => tile.found.retain(|id| {
+                        let f = &self.world.facets[*id as usize];
+                        let corners = &self.corners[f.surface as usize][0];
+                        hull.meets(f.corners.map(|c| corners[c as usize].0))
+                            && self.dark_space(*id, number).meets(cell)
+                    }),
+                    (None, _) if resting => {}
+                    (None, Some(beam)) => {
+                        self.still.within(|c, r| beam.meets(c, r), |id| tile.found.push(id))
+                    }
+                    (None, None) => self.still.all(|id| tile.found.push(id)),
+                },
+            }
+            tile.found.sort_unstable();
+            tile.found.dedup();
+            let start = tile.occluders.len();
+            let (mut touched, mut inside, mut border) = (0, 0, 0);
+            let shade = &mut slot.shades[number];
+            // Those that were found before.
+            tile.occluders.extend_from_within(shade.from..shade.to);
+            let added = tile.occluders.len();
+            for k in 0..tile.found.len() {
+                let id = tile.found[k];
+                if id == facet || self.far[id as usize] >> number & 1 == 1 {
+                    continue;
+                }
+                if !resting {
+                    let part = part.get_or_insert_with(|| self.part_of(facet, slot.range));
+                    if misses(&self.places_of(id), part, &self.lamp_places[number], weight) {
+                        continue;
+                    }
+                }
+                let receivers = receivers.get_or_insert_with(|| {
+                    // Where the tile does not see it, nothing is known.
+                    let of = |s: Sight| s.at(index, &WHOLE, false).map(|f| f.inverse_depth);
+                    self.receivers(record, &tile.view).map(|s| s.and_then(of))
+                });
+                let lamp = &self.screen_lamps[number];
+                let view = tile_units.get_or_insert_with(|| tile.view.in_units_of(TILE as f64));
+                let inner = self.inner_edges(id, number);
+                let found = self.occluder(id).pixels(lamp, receivers, record.u, view, (slot.touches, inner));
+                if found.touches == 0 {
+                    continue;
+                }
+                if let Casters::Moving = casters {
+                    slot.motion = slot.motion.max(found.motion_px);
+                }
+                shade.dark |= found.darkens;
+                touched |= found.touches;
+                inside |= found.inside;
+                border |= found.border;
+                tile.occluders.push((found.touches, id));
+            }
+            // Where no border comes, the facet's part of a pixel is dark as a whole or not at all: as the pixel's centre at
+            // first, if that is on the facet. Elsewhere facets beside it may be missing from the candidates.
+            let centres = if tile.occluders.len() > added { self.centres(record, &tile.view) } else { 0 };
+            let uniform = centres & !border;
+            shade.dark |= inside & uniform;
+            let mixed = touched & !uniform;
+            shade.touched |= mixed;
+            if let Casters::Moving = casters {
+                slot.moved |= mixed & !shade.dark;
+            }
+            let mut kept = added;
+            for k in added..tile.occluders.len() {
+                let (touches, id) = tile.occluders[k];
+                if touches & mixed & !shade.dark != 0 {
+                    tile.occluders[kept] = (touches & mixed, id);
+                    kept += 1;
+                }
+            }
+            tile.occluders.truncate(kept);
+            if slot.touches & !shade.dark == 0 {
+                shade.dark = u64::MAX;
+                tile.occluders.truncate(start);
+            }
+            shade.touched &= !shade.dark;
+            (shade.from, shade.to) = (start, tile.occluders.len());
+        }
+    }
+
+    /// Finds which facets of a rigid surface may throw a shadow of lamp `number` on a part of another one of it: where nothing
+    /// moves but the lamp.
+    pub(super) fn find_own_occluders(
+        &self,
+        facet: u32,
+        range: [[f64; 2]; 2],
+        number: usize,
+        weight: f64,
+        found: &mut Vec<u32>,
+    ) {
+        let f = &self.world.facets[facet as usize];
+        let surface = f.surface as usize;
+        let primitive = self.world.primitive(f.surface);
+        let corners = f.corners.map(|c| wide(primitive.positions[c as usize]));
+        let (centre, own) = sphere(part_between(corners, range).into_iter());
+        let to_lamp =
+            self.own_lamps[surface][number].map(|place| (place - centre * weight).normalize_or(DVec3::Y));
+        let axis = to_lamp[1];
+        // How far the lamp's direction turns; an arc bulges by less than a quarter of its chord.
+        let turn = 1.25 * to_lamp[0].distance(axis).max(to_lamp[2].distance(axis));
+        if turn > 0.5 {
+            self.own_facets[surface].all(|id| found.push(id));
+            return;
+        }
+        // A point at distance s in a direction d with |d - axis| <= turn lies within s turn of the axis at s, which is at most
+        // (along + reach) / (1 - turn) where a sphere meets it.
+        let meets = |middle: DVec3, radius: f64| {
+            let offset = middle - centre;
+            let along = offset.dot(axis);
+            let across = (offset - axis * along).length();
+            let reach = own + radius;
+            along >= -reach && across <= reach + turn / (1.0 - turn) * (along + reach)
+        };
+        self.own_facets[surface].within(meets, |id| found.push(id));
+    }
+
+    /// Finds what of everything still may throw a shadow of lamp `number` into a slot's cells, if `casters` are; says
+    /// whether all of them are dark.
+    pub(super) fn shadows_at_rest(
+        &self,
+        tile: &mut TileLight,
+        slot: &Slot,
+        facet: u32,
+        number: usize,
+        casters: Casters,
+    ) -> bool {
+        let mut all_dark = true;
+        for j in 0..slot.count[1] {
+            for i in 0..slot.count[0] {
+                let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
+                let known = self.shadowed(Key::new(facet, slot.level, index, true, number as u64), number);
+                all_dark &= known.dark;
+                if let Casters::Still = casters {
+                    tile.found.extend_from_slice(&known.facets);
+                }
+            }
+        }
+        all_dark
+    }
+
+    /// Pixels of a tile whose centres a facet covers at the start of its span.
+    pub(super) fn centres(&self, record: &Record, view: &TileView) -> u64 {
+        Sight::new(record, view, 0.0, self.world.lens.near).map_or(0, |sight| sight.centres())
+    }
+
+    /// A facet as a tile sees it at the start, middle and end of its span, with the tile's side as unit.
+    pub(super) fn receivers(&self, record: &Record, view: &TileView) -> [Option<Sight>; 3] {
+        let view = view.in_units_of(TILE as f64);
+        [0.0, 0.5, 1.0].map(|v| Sight::new(record, &view, v, self.world.lens.near))
+    }
+
+    /// What a still facet hides from lamp `number`, which is still.
+    pub(super) fn dark_space(&self, facet: u32, number: usize) -> &Hull {
+        self.dark_spaces[number][facet as usize].get_or_init(|| {
+            let f = &self.world.facets[facet as usize];
+            let corners = f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0);
+            let (place, weight) = self.lamps[0][self.own[number]].place();
+            Box::new(Hull::beyond(corners, place, weight))
+        })
+    }
+
+    /// World corners of a facet at the start, middle and end of the block.
+    pub(super) fn places_of(&self, facet: u32) -> [[DVec3; 4]; 3] {
+        let f = &self.world.facets[facet as usize];
+        let surface = f.surface as usize;
+        let ends = &self.corners[surface];
+        let middle = if self.world.surfaces[surface].moves { &self.middle[surface] } else { &ends[0] };
+        [&ends[0], middle, &ends[1]].map(|corners| f.corners.map(|c| corners[c as usize].0))
+    }
+
+    /// The same of the part of it in a range of (s, t).
+    pub(super) fn part_of(&self, facet: u32, range: [[f64; 2]; 2]) -> [[DVec3; 4]; 3] {
+        let places = self.places_of(facet);
+        let whole = range == [[0.0; 2], [1.0; 2]];
+        if whole { places } else { places.map(|corners| part_between(corners, range)) }
+    }
+
+    pub(super) fn occluder(&self, facet: u32) -> &Occluder {
+        self.occluders[facet as usize].get_or_init(|| Box::new(self.new_occluder(facet)))
+    }
+
+    pub(super) fn new_occluder(&self, facet: u32) -> Occluder {
+        let f = &self.world.facets[facet as usize];
+        let surface = f.surface as usize;
+        let moves = self.world.surfaces[surface].moves;
+        let ends = &self.corners[surface];
+        let places = [&ends[0], if moves { &self.middle[surface] } else { &ends[0] }, &ends[1]];
+        let h = f.corners.map(|c| {
+            [0, 1, 2].map(|k| {
+                let place = if moves { places[k] } else { places[0] };
+                self.screen[k].transform_point3(place[c as usize].0)
+            })
+        });
+        Occluder::new(facet, h)
+    }
+
+    /// Half planes of the shadows that fall on entry `slot` from lamp `number` at `moment` of the tile: a range.
+    pub(super) fn shadow_lines(
+        &self,
+        tile: &mut TileLight,
+        slot: usize,
+        number: usize,
+        moment: usize,
+        sight: &Sight,
+        u: f64,
+    ) -> usize {
+        let index = (moment * tile.slots.len() + slot) * MOST_OWN + number;
+        if tile.line_starts.len() <= index {
+            tile.line_starts.resize((moment + 1) * tile.slots.len() * MOST_OWN, 0);
+        }
+        if tile.line_starts[index] == 0 {
+            tile.line_starts[index] = tile.lines.len() as u32 + 1;
+            let shade = tile.slots[slot].shades[number];
+            for (_, id) in &tile.occluders[shade.from..shade.to] {
+                let lamp = &self.screen_lamps[number];
+                tile.lines.push(self.occluder(*id).lines(lamp, &sight.inverse_depth, &tile.view, u));
+            }
+        }
+        tile.line_starts[index] as usize - 1
+    }
+
+    /// What of lamp `number`'s light arrives on a part: its strength times the part that no shadow reaches.
+    #[inline(always)]
+    pub(super) fn arriving(&self, tile: &mut TileLight, part: &Part, at: &Instant, number: usize) -> f64 {
+        let slot = part.slot;
+        let lamp = &self.lamps[0][self.own[number]];
+        let strength = lamp.waveform.map_or(1.0, |w| w.factor(at.t_s));
+        let shade = tile.slots[slot].shades[number];
+        if shade.dark >> part.pixel & 1 == 1 {
+            return 0.0;
+        }
+        if shade.touched >> part.pixel & 1 == 0 {
+            return strength;
+        }
+        let start = self.shadow_lines(tile, slot, number, at.moment, part.sight, at.u);
+        let near = tile.occluders[shade.from..shade.to].iter().zip(&tile.lines[start..]);
+        let near = near.filter(|(o, _)| o.0 >> part.pixel & 1 == 1).map(|(_, lines)| lines);
+        strength * tile.lit.part(part.regions, near, &part.frame)
+    }
+}

@@ -1,0 +1,486 @@
+//! A pixel's luminance at a time: the sum over what it sees of area times mean light.
+//!
+//! Times are whole parts of a block, so that the pixels of a tile share what its facets and shadows are at a time: a
+//! pixel only moves their lines to its own centre. At times at which many pixels are evaluated, bits say which facets each
+//! of them sees, and those that see one only are found together: neighbours share edges on its texture.
+
+use std::time::Instant as Timer;
+
+use crate::scene::tiles::{PIXELS, TileView};
+use crate::scene::world::World;
+use crate::shading::light::{Instant, Lighting, Part, TileLight};
+use crate::visibility::blocks::Block;
+use crate::visibility::coverage::{self, Moments, Regions};
+use crate::visibility::fragment::{Fragment, Sight};
+use crate::visibility::lists::{Entry, Lists};
+
+/// Every so many evaluations are timed.
+const TIMED: u64 = 64;
+/// A pixel may be evaluated at multiples of this part of a block: it has thirds, and halves of them and of itself.
+pub const UNITS: u32 = 3072;
+
+/// What evaluations of one block need.
+pub struct Evaluator<'a> {
+    /// The scene.
+    pub world: &'a World<'a>,
+    /// What the block may show.
+    pub lists: &'a Lists,
+    /// What surfaces send.
+    pub lighting: &'a Lighting<'a>,
+    /// The block.
+    pub block: Block,
+    /// Each pixel is evaluated at one time only.
+    pub once: bool,
+}
+
+/// A facet of a tile at a time.
+#[derive(Clone, Copy)]
+enum Known {
+    /// Nobody asked.
+    Not,
+    /// It is not there.
+    Absent,
+    /// Its number among [`Work::sights`].
+    Seen(u32),
+}
+
+/// An entry of a pixel.
+#[derive(Clone, Copy)]
+struct Own {
+    slot: usize,
+    record: u32,
+    /// It fills the pixel throughout the block.
+    covers: bool,
+}
+
+/// A tile at a time at which several of its pixels are evaluated.
+struct Layer {
+    /// Luminance of the pixels that see one facet only; NaN of others.
+    luminance: [f64; PIXELS],
+    /// Where in [`Work::touched`] its entries begin.
+    touched: usize,
+}
+
+/// Room for the work on one tile after another.
+pub struct Work {
+    view: TileView,
+    /// Per pixel, where in `own` its entries are.
+    owns: [[u32; 2]; PIXELS],
+    /// Pixels of which nothing changes.
+    still: u64,
+    /// Per pixel, every how many units it is surely evaluated; 0 for never.
+    strides: [u32; PIXELS],
+    layers: Vec<Layer>,
+    /// Per moment, its number among `layers` plus 1.
+    layer_of: Vec<u32>,
+    /// Per layer and entry, pixels that see it.
+    touched: Vec<u64>,
+    /// Of the layer in work: entries that cover whole pixels, their sights, and these pixels.
+    whole: Vec<(usize, u32, u64)>,
+    /// By time: the number of the moment plus 1.
+    numbers: Vec<u16>,
+    moments: Vec<Instant>,
+    /// By moment and entry.
+    known: Vec<Known>,
+    sights: Vec<Sight>,
+    /// Per entry: motion during the block in pixels.
+    motion: Vec<f64>,
+    slot_count: usize,
+    pixel: usize,
+    own: Vec<Own>,
+    fragments: Vec<Fragment>,
+    /// Per fragment, its entry and sight.
+    seen: Vec<(usize, u32)>,
+    regions: Regions,
+    areas: Vec<Moments>,
+    light: TileLight,
+    count: u64,
+    /// Evaluations that saw one facet only.
+    pub plain: u64,
+    /// Extrapolated seconds of coverage.
+    pub coverage_s: f64,
+    /// Extrapolated seconds of shading.
+    pub shading_s: f64,
+}
+
+impl Default for Work {
+    fn default() -> Self {
+        Self {
+            view: TileView::default(),
+            owns: [[0; 2]; PIXELS],
+            still: 0,
+            strides: [0; PIXELS],
+            layers: Vec::new(),
+            layer_of: Vec::new(),
+            touched: Vec::new(),
+            whole: Vec::new(),
+            numbers: vec![0; UNITS as usize + 1],
+            moments: Vec::new(),
+            known: Vec::new(),
+            sights: Vec::new(),
+            motion: Vec::new(),
+            slot_count: 0,
+            pixel: 0,
+            own: Vec::new(),
+            fragments: Vec::new(),
+            seen: Vec::new(),
+            regions: Regions::default(),
+            areas: Vec::new(),
+            light: TileLight::default(),
+            count: 0,
+            plain: 0,
+            coverage_s: 0.0,
+            shading_s: 0.0,
+        }
+    }
+}
+
+impl Work {
+    /// Entries of pixel number `pixel` of the tile, whose activity is known.
+    pub fn entry_count(&self, pixel: usize) -> usize {
+        let [from, to] = self.owns[pixel];
+        (to - from) as usize
+    }
+}
+
+/// What a pixel's light does during a block.
+#[derive(Clone, Copy, Debug)]
+pub struct PixelActivity {
+    /// Nothing of it changes.
+    pub still: bool,
+    /// Fastest motion of what it may see and of shadows on it, in pixels during the block.
+    pub motion_px: f64,
+    /// Periods of the fastest sine that its light follows, during the block.
+    pub periods: f64,
+}
+
+impl Evaluator<'_> {
+    /// Prepares `work` for a tile.
+    pub fn enter_tile(&self, work: &mut Work, entries: &[Entry], tile: [usize; 2]) {
+        work.view = self.world.tile(tile);
+        work.own.clear();
+        work.still = 0;
+        work.strides.fill(0);
+        work.layers.clear();
+        work.layer_of.clear();
+        work.touched.clear();
+        work.numbers.fill(0);
+        work.moments.clear();
+        work.known.clear();
+        work.sights.clear();
+        work.slot_count = entries.len();
+        work.motion.clear();
+        let (rect, scale) = (work.view.rect, work.view.scale);
+        work.motion.extend(entries.iter().map(|entry| {
+            let record = &self.lists.records[entry.record as usize];
+            let at = [0, 1].map(|k| {
+                let (from, to) = (record.rect[k].max(rect[k]), record.rect[k + 2].min(rect[k + 2]));
+                0.5 * (from + to)
+            });
+            // Margin for what lies elsewhere in the tile.
+            if record.still { 0.0 } else { 1.25 * scale * record.motion_px(at) / (record.u[1] - record.u[0]) }
+        }));
+        self.lighting.enter_tile(&mut work.light, entries, tile);
+    }
+
+    /// Goes on to pixel number `pixel` of the tile, whose activity is known.
+    pub fn enter_pixel(&self, work: &mut Work, pixel: usize) {
+        work.pixel = pixel;
+        work.light.enter_pixel(self.once || work.still >> pixel & 1 == 1);
+    }
+
+    /// Says that pixel number `pixel` will be evaluated at all multiples of `stride` units.
+    pub fn expect(&self, work: &mut Work, pixel: usize, stride: u32) {
+        work.strides[pixel] = stride;
+    }
+
+    /// What pixel number `pixel` of the tile sees, and what that does; to be asked once for each pixel, before any is entered.
+    pub fn activity(&self, work: &mut Work, entries: &[Entry], pixel: usize) -> PixelActivity {
+        let from = work.own.len();
+        let mut activity = PixelActivity { still: true, motion_px: 0.0, periods: 0.0 };
+        let block_s = self.block.length_us() * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
+        for (slot, entry) in entries.iter().enumerate() {
+            if entry.touches >> pixel & 1 == 1 {
+                let covers = entry.covers >> pixel & 1 == 1;
+                work.own.push(Own { slot, record: entry.record, covers });
+                let record = &self.lists.records[entry.record as usize];
+                self.lighting.ready(&mut work.light, record, entry.record, slot);
+                let (still, motion, moved) = self.lighting.changes_of(&work.light, slot);
+                activity.still &= still && record.still;
+                activity.periods = activity.periods.max(block_s * self.lighting.sine_hz(&work.light, slot));
+                activity.motion_px = activity.motion_px.max(work.motion[slot]);
+                if moved >> pixel & 1 == 1 {
+                    activity.motion_px = activity.motion_px.max(motion);
+                    activity.still = false;
+                }
+            }
+        }
+        let covered = work.own[from..].iter().any(|o| o.covers);
+        activity.still &= covered || self.lighting.background_rests();
+        work.owns[pixel] = [from, work.own.len()].map(|v| v as u32);
+        work.still |= u64::from(activity.still) << pixel;
+        activity
+    }
+
+    /// Number of the moment `unit` of [`UNITS`] of the block.
+    fn moment(&self, work: &mut Work, unit: u32) -> usize {
+        let number = work.numbers[unit as usize];
+        if number > 0 {
+            return usize::from(number) - 1;
+        }
+        let u = f64::from(unit) / f64::from(UNITS);
+        let t_s = self.world.scene_seconds(self.block.at(u));
+        let index = work.moments.len();
+        work.moments.push(Instant { moment: index, u, t_s });
+        work.numbers[unit as usize] = index as u16 + 1;
+        work.known.resize(work.moments.len() * work.slot_count, Known::Not);
+        work.layer_of.push(0);
+        index
+    }
+
+    /// The number of what entry `slot`, record `index`, is at a time; `None` where it is not there.
+    #[inline(always)]
+    fn sight(&self, work: &mut Work, slot: usize, index: u32, at: &Instant) -> Option<u32> {
+        let place = at.moment * work.slot_count + slot;
+        match work.known[place] {
+            Known::Seen(number) => Some(number),
+            Known::Absent => None,
+            Known::Not => {
+                let found = self.find_sight(work, index, at);
+                work.known[place] = found.map_or(Known::Absent, Known::Seen);
+                found
+            }
+        }
+    }
+
+    #[inline(never)]
+    fn find_sight(&self, work: &mut Work, index: u32, at: &Instant) -> Option<u32> {
+        let record = &self.lists.records[index as usize];
+        let [from, to] = record.u;
+        // A span holds from its start up to its end; the last one also at the end of the block.
+        if at.u < from || (at.u >= to && to < 1.0) {
+            return None;
+        }
+        let v = (at.u - from) / (to - from);
+        work.sights.push(Sight::new(record, &work.view, v, self.world.lens.near)?);
+        Some(work.sights.len() as u32 - 1)
+    }
+
+    /// Mean luminance of a pixel that sees entry `slot`, record `index`, and nothing else.
+    fn of_one(&self, work: &mut Work, slot: usize, index: u32, at: &Instant) -> f64 {
+        let Some(sight) = self.sight(work, slot, index, at) else { return 0.0 };
+        let sight = &work.sights[sight as usize];
+        self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
+        let (pixel, frame) = (work.pixel, work.view.pixel(work.pixel));
+        let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, frame };
+        self.lighting.of_part(&mut work.light, &part, at)
+    }
+
+    /// The tile at a moment, `unit` of the block; `None` where the pixel in work is not surely evaluated then.
+    fn layer(&self, work: &mut Work, entries: &[Entry], unit: u32, at: &Instant) -> Option<usize> {
+        let expected = |stride: u32| stride > 0 && unit.is_multiple_of(stride);
+        if !expected(work.strides[work.pixel]) {
+            return None;
+        }
+        if work.layer_of[at.moment] == 0 {
+            let pixels = (0..PIXELS).filter(|p| expected(work.strides[*p])).fold(0, |m, p| m | 1 << p);
+            self.find_layer(work, entries, pixels, at);
+        }
+        Some(work.layer_of[at.moment] as usize - 1)
+    }
+
+    /// Finds what of the tile the `pixels` see at a time, and the light of those that see one facet only.
+    fn find_layer(&self, work: &mut Work, entries: &[Entry], pixels: u64, at: &Instant) {
+        let touched = work.touched.len();
+        work.whole.clear();
+        for (slot, entry) in entries.iter().enumerate() {
+            let mut seen = 0;
+            if entry.touches & pixels != 0
+                && let Some(number) = self.sight(work, slot, entry.record, at)
+            {
+                let (some, whole) = work.sights[number as usize].pixels();
+                seen = entry.touches & (some | entry.covers);
+                let whole = entry.touches & (whole | entry.covers) & pixels;
+                if whole != 0 {
+                    work.whole.push((slot, number, whole));
+                }
+            }
+            work.touched.push(seen);
+        }
+        let mut luminance = [f64::NAN; PIXELS];
+        let once = work.light.enter_pixel(self.once);
+        for k in 0..work.whole.len() {
+            let (slot, number, mut alone) = work.whole[k];
+            let sight = &work.sights[number as usize];
+            for (other, seen) in work.touched[touched..].iter().enumerate() {
+                if other != slot
+                    && alone & seen != 0
+                    && let Known::Seen(number) = work.known[at.moment * work.slot_count + other]
+                {
+                    alone &= !seen | sight.pixels_before(&work.sights[number as usize]);
+                }
+            }
+            if alone != 0 {
+                let index = entries[slot].record;
+                self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
+                self.lighting.of_pixels(&mut work.light, (slot, sight), alone, at, &mut luminance);
+            }
+        }
+        work.light.enter_pixel(once);
+        work.layers.push(Layer { luminance, touched });
+        work.layer_of[at.moment] = work.layers.len() as u32;
+    }
+
+    /// Mean luminance of the pixel at the block's start, as a picture of that time alone has it.
+    pub fn first_luminance(&self, work: &mut Work, entries: &[Entry]) -> f64 {
+        let once = work.light.enter_pixel(true);
+        let luminance = self.luminance(work, entries, 0);
+        work.light.enter_pixel(once);
+        luminance
+    }
+
+    /// Mean luminance of the pixel in work at `unit` of [`UNITS`] of the block; `entries` are those of its tile.
+    pub fn luminance(&self, work: &mut Work, entries: &[Entry], unit: u32) -> f64 {
+        work.count += 1;
+        let timer = work.count.is_multiple_of(TIMED).then(Timer::now);
+        let moment = self.moment(work, unit);
+        let at = work.moments[moment];
+        let layer = self.layer(work, entries, unit, &at);
+        let touched = layer.map(|number| work.layers[number].touched);
+        if let Some(luminance) = layer.map(|number| work.layers[number].luminance[work.pixel])
+            && !luminance.is_nan()
+        {
+            work.plain += 1;
+            work.shading_s += timer.map_or(0.0, |t| t.elapsed().as_secs_f64() * TIMED as f64);
+            return luminance;
+        }
+        let frame = work.view.pixel(work.pixel);
+        let [from, to] = work.owns[work.pixel].map(|v| v as usize);
+        if let [Own { slot, record, covers: true }] = work.own[from..to] {
+            work.plain += 1;
+            let light = self.of_one(work, slot, record, &at);
+            work.shading_s += timer.map_or(0.0, |t| t.elapsed().as_secs_f64() * TIMED as f64);
+            return light;
+        }
+        work.fragments.clear();
+        work.seen.clear();
+        for k in from..to {
+            let Own { slot, record: index, covers } = work.own[k];
+            if touched.is_some_and(|start| work.touched[start + slot] >> work.pixel & 1 == 0) {
+                continue;
+            }
+            if let Some(sight) = self.sight(work, slot, index, &at)
+                && let Some(fragment) = work.sights[sight as usize].at(index, &frame, covers)
+            {
+                work.fragments.push(fragment);
+                work.seen.push((slot, sight));
+            }
+        }
+        let whole = matches!(&work.fragments[..], [one] if one.edge_count == 0);
+        if whole {
+            work.plain += 1;
+        } else {
+            work.regions.cut(&work.fragments);
+            work.areas.clear();
+            work.areas.resize(work.fragments.len() + 1, Moments::default());
+            for (owner, polygon) in work.regions.regions.iter() {
+                let owner = (owner as usize).min(work.fragments.len());
+                work.areas[owner].add(&coverage::moments(polygon));
+            }
+        }
+        let covered = timer.map(|t| (t.elapsed().as_secs_f64(), Timer::now()));
+        let mut sum = 0.0;
+        for (k, fragment) in work.fragments.iter().enumerate() {
+            let moments = if whole { &Moments::PIXEL } else { &work.areas[k] };
+            if moments.area > 1e-9 {
+                let (slot, sight) = (work.seen[k].0, &work.sights[work.seen[k].1 as usize]);
+                let regions = (!whole).then_some((&work.regions.regions, k as u32));
+                let pixel = work.pixel;
+                let index = fragment.record;
+                let record = &self.lists.records[index as usize];
+                self.lighting.shade_slot(&mut work.light, record, index, slot);
+                let part = Part { slot, sight, moments, regions, pixel, frame };
+                sum += self.lighting.of_part(&mut work.light, &part, &at);
+            }
+        }
+        if !whole {
+            let rest = &work.areas[work.fragments.len()];
+            if rest.area > 1e-9 {
+                sum += rest.area * self.lighting.background(&work.view, &frame, rest, at.u);
+            }
+        }
+        if let Some((coverage, since)) = covered {
+            work.coverage_s += coverage * TIMED as f64;
+            work.shading_s += since.elapsed().as_secs_f64() * TIMED as f64;
+        }
+        sum
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::shading::light::Shared;
+    use crate::visibility::blocks::Clock;
+
+    /// Luminance of all pixels at `unit` of `block`: tile by tile, and each for itself.
+    fn pictures(scene: &evis_scene::Scene, block: Block, unit: u32) -> (Vec<[f64; 2]>, usize) {
+        let world = World::new(scene, 0, Some((100, 76))).unwrap();
+        let mut clock = Clock::new(&world, block);
+        let lists = Lists::new(&world, &mut clock).unwrap();
+        let mut lighting = Lighting::new(&world, &Shared::new(scene));
+        lighting.prepare(&mut clock, &block).unwrap();
+        let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block, once: false };
+        let mut work = Work::default();
+        let (mut out, mut together) = (Vec::new(), 0);
+        for row in 0..lists.row_count() {
+            for (column, entries) in lists.row(row).iter().enumerate() {
+                let from = out.len();
+                for stride in [1, 0] {
+                    evaluator.enter_tile(&mut work, entries, [column, row]);
+                    for pixel in 0..PIXELS {
+                        evaluator.activity(&mut work, entries, pixel);
+                        evaluator.expect(&mut work, pixel, stride);
+                    }
+                    for pixel in 0..PIXELS {
+                        evaluator.enter_pixel(&mut work, pixel);
+                        let luminance = evaluator.luminance(&mut work, entries, unit);
+                        if stride == 1 {
+                            out.push([luminance; 2]);
+                        } else {
+                            out[from + pixel][1] = luminance;
+                        }
+                    }
+                    let layers = work.layers.iter().flat_map(|l| l.luminance);
+                    together += layers.filter(|v| !v.is_nan()).count();
+                }
+            }
+        }
+        (out, together)
+    }
+
+    #[test]
+    fn a_tile_at_once_sees_what_its_pixels_see() {
+        let names = ["spinner", "desk", "street", "warehouse"];
+        let scenes = names.map(|name| evis_scene::builtin::load(name, 0).unwrap());
+        let block = Block { start_us: 98_304.0, end_us: 131_072.0, jump: false };
+        let (mut all, mut together) = (0, 0);
+        for (name, scene) in names.iter().zip(&scenes) {
+            for unit in [0, UNITS / 3, UNITS] {
+                let (found, alone) = pictures(scene, block, unit);
+                let mean = found.iter().map(|v| v[1]).sum::<f64>() / found.len() as f64;
+                let off = found.iter().map(|[a, b]| (a - b).abs() / (b + 0.05 * mean).max(1e-9));
+                let worst = off.clone().fold(0.0, f64::max);
+                let rms = (off.map(|v| v * v).sum::<f64>() / found.len() as f64).sqrt();
+                println!(
+                    "{name} at {unit}: {alone} of {} together, worst {worst:.4}, RMS {rms:.5}",
+                    found.len()
+                );
+                assert!(worst < 0.08 && rms < 0.004, "{name} at {unit}: {worst} {rms}");
+                all += found.len();
+                together += alone;
+            }
+        }
+        assert!(together * 2 > all, "{together} of {all} pixels were found together");
+    }
+}

@@ -1,0 +1,478 @@
+//! Blocks of time, and screen-space motion within one as quadratics.
+//!
+//! Borders lie on an absolute dyadic grid, joined by the times at which a scene's motion or light bends or jumps.
+//! Within a block a vertex's homogeneous image point h = (x z, y z, z) is a quadratic in time through its exact places
+//! at the start, middle and end. What that leaves out is measured at the quarters, near where the remainder of a smooth
+//! motion is largest; where it exceeds [`MAX_ERROR_PX`], the surface's part of the block is halved, for itself alone.
+
+use std::collections::VecDeque;
+
+use evis_scene::{Scene, Variant};
+use glam::{DMat4, DVec3};
+
+use crate::Error;
+use crate::scene::world::{Frame, World};
+
+/// Largest error of a surface's box within a block, in pixels, at the quarters of a span.
+pub const MAX_ERROR_PX: f64 = 2e-3;
+/// Largest error of any vertex in front of the near plane, at any time. One that is nearer to the camera than its
+/// surface's box has corners in view may be off by more than these; this is what tests hold.
+pub const BOUND_PX: f64 = 1e-2;
+/// Depth in metres at which errors of what lies nearer are measured.
+const LEAST_DEPTH: f64 = 0.1;
+/// A surface's part of a block is halved this often at most.
+const MAX_HALVINGS: u32 = 6;
+/// How long before a border its left-hand limit is taken, in microseconds.
+const BEFORE_US: f64 = 1e-3;
+/// How long after a border its right-hand limit is taken: beyond rounding, and too short for anything to move.
+const AFTER_US: f64 = 1e-5;
+
+/// A stream's first block ends at a multiple of this, in microseconds.
+const FIRST_US: f64 = 2048.0;
+
+/// A half-open interval of scene time within which nothing jumps.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Block {
+    /// Start in microseconds.
+    pub start_us: f64,
+    /// End in microseconds.
+    pub end_us: f64,
+    /// Light may jump at its start.
+    pub jump: bool,
+}
+
+impl Block {
+    /// Time at `u` in [0, 1]; 0 and 1 are the limits from within: at an edge of a square wave rounding would decide.
+    pub fn at(&self, u: f64) -> f64 {
+        let t_us = self.start_us + u * (self.end_us - self.start_us);
+        t_us.max(self.start_us + AFTER_US).min(self.end_us - BEFORE_US)
+    }
+
+    /// Length in microseconds.
+    pub fn length_us(&self) -> f64 {
+        self.end_us - self.start_us
+    }
+}
+
+/// The blocks that cover [start, end): borders are multiples of `length_us`, and what [`Scene::break_times`] finds; where a host moves
+/// nodes, multiples from the start on, and its poses.
+pub fn blocks(
+    scene: &Scene,
+    variant: Option<&Variant>,
+    start_us: f64,
+    end_us: f64,
+    length_us: i64,
+) -> Vec<Block> {
+    let length = length_us as f64;
+    let mut borders = vec![start_us, end_us];
+    // What a host moves begins when it says so.
+    let origin_us = if scene.host_poses.is_some() { start_us } else { 0.0 };
+    let mut k = ((start_us - origin_us) / length).floor() + 1.0;
+    while origin_us + k * length < end_us {
+        borders.push(origin_us + k * length);
+        k += 1.0;
+    }
+    let jumps = scene.break_times(variant, start_us, end_us);
+    borders.extend_from_slice(&jumps);
+    borders.extend(host_times(scene, variant, start_us, end_us));
+    borders.sort_by(f64::total_cmp);
+    // Nearer than two left-hand limits, two borders are one.
+    borders.dedup_by(|b, a| *b - *a < 2.0 * BEFORE_US);
+    borders
+        .windows(2)
+        .map(|w| Block {
+            start_us: w[0],
+            end_us: w[1],
+            jump: jumps.iter().any(|j| (j - w[0]).abs() < 2.0 * BEFORE_US),
+        })
+        .collect()
+}
+
+/// The blocks of an environment from a time on, one after another.
+///
+/// They are found a part of a stream at a time, and are the same whatever its length. Where a host moves nodes, they are found
+/// when it has given all poses ([`evis_scene::HostPoses::known_until_us`]) of such a part, whose length it says.
+pub struct Blocks<'w, 'a> {
+    world: &'w World<'a>,
+    length_us: i64,
+    /// See [`Blocks::new`].
+    pose_step_us: i64,
+    found: VecDeque<Block>,
+    /// Where those end that were found.
+    found_until_us: f64,
+    /// Light may jump at the start of the next one, whatever the scene says.
+    jump: bool,
+}
+
+impl<'w, 'a> Blocks<'w, 'a> {
+    /// From `start_us` on; borders are multiples of `most_us`, or of a shorter length where motion is fast
+    /// ([`World::block_us`]), what [`Scene::break_times`] finds, and the first multiple of `FIRST_US`. Where a host moves nodes, poses are
+    /// known at every multiple of `pose_step_us` after `start_us`, and borders lie there: then they are where they would be
+    /// had the stream begun at any of them.
+    pub fn new(world: &'w World<'a>, start_us: i64, most_us: i64, pose_step_us: i64) -> Self {
+        let length_us = world.block_us(most_us);
+        let mut made = Self {
+            world,
+            length_us,
+            pose_step_us,
+            found: VecDeque::new(),
+            found_until_us: start_us as f64,
+            jump: false,
+        };
+        made.find();
+        // What comes first is waited for: it takes a block of its own.
+        if let Some(&whole) = made.found.front().filter(|_| world.scene.host_poses.is_none()) {
+            let border = ((whole.start_us / FIRST_US).floor() + 1.0) * FIRST_US;
+            if border + FIRST_US < whole.end_us {
+                made.found[0] = Block { start_us: border, jump: false, ..whole };
+                made.found.push_front(Block { end_us: border, ..whole });
+            }
+        }
+        made
+    }
+
+    /// Where the next one starts.
+    pub fn start_us(&self) -> f64 {
+        self.found.front().map_or(self.found_until_us, |block| block.start_us)
+    }
+
+    /// The next one; where a host's poses are not known yet, a short one in which nothing moves.
+    pub fn peek(&self) -> Block {
+        let start_us = self.start_us();
+        let rest = Block { start_us, end_us: start_us + FIRST_US, jump: false };
+        self.found.front().copied().unwrap_or(rest)
+    }
+
+    /// Takes the next one; `None` where a host's poses are not known yet.
+    pub fn pop(&mut self) -> Option<Block> {
+        if self.found.is_empty() {
+            self.find();
+        }
+        let block = self.found.pop_front()?;
+        Some(Block { jump: block.jump | std::mem::take(&mut self.jump), ..block })
+    }
+
+    /// Whether light may jump where the next one starts; not yet known, and taken for no, of what a host moves.
+    pub fn next_jumps(&mut self) -> bool {
+        if self.found.is_empty() {
+            self.find();
+        }
+        self.jump || self.found.front().is_some_and(|block| block.jump)
+    }
+
+    /// Says that at the start of the next one things are elsewhere all at once.
+    pub fn jump(&mut self) {
+        self.jump = true;
+    }
+
+    /// Finds those from where the last ones end to the next multiple of the length.
+    fn find(&mut self) {
+        let from_us = self.found_until_us;
+        let length = self.length_us as f64;
+        let World { scene, variant, .. } = self.world;
+        // A border that is no multiple may lie as near to one as two borders can.
+        let mut end_us = (((from_us + 2.0 * BEFORE_US) / length).floor() + 1.0) * length;
+        if let Some(host) = &scene.host_poses {
+            end_us = from_us + self.pose_step_us as f64;
+            if end_us > host.known_until_us() as f64 {
+                return;
+            }
+        }
+        self.found.extend(blocks(scene, *variant, from_us, end_us, self.length_us));
+        self.found_until_us = end_us;
+        let near = [from_us - 2.0 * BEFORE_US, from_us + 2.0 * BEFORE_US];
+        self.found[0].jump |= !scene.break_times(*variant, near[0], near[1]).is_empty();
+    }
+}
+
+/// Times in (start, end), in microseconds, at which what a host moves has a pose, and its motion bends.
+fn host_times(scene: &Scene, variant: Option<&Variant>, start_us: f64, end_us: f64) -> Vec<f64> {
+    let tracks = (0..scene.nodes.len()).filter_map(|node| scene.track_of(variant, node));
+    tracks.flat_map(|track| track.times(start_us, end_us)).collect()
+}
+
+/// Where one surface's vertices go during a part of a block.
+#[derive(Clone, Debug)]
+pub struct Span {
+    /// Part of the block, in its u.
+    pub u: [f64; 2],
+    /// Where vertices are at the start, middle and end of the span.
+    pub places: Places,
+    /// Error at the quarters, in pixels; above [`MAX_ERROR_PX`] where halving did not suffice.
+    pub error_px: f64,
+}
+
+/// Homogeneous image points at three times.
+#[derive(Clone, Debug)]
+pub enum Places {
+    /// Of a rigid surface: screen from its own space.
+    Rigid(Box<[DMat4; 3]>),
+    /// Of a deforming one: per vertex.
+    Vertices(Vec<[DVec3; 3]>),
+}
+
+impl Places {
+    /// Image points of vertex `vertex`, at `position` in the surface's own space, at the three times.
+    pub fn of(&self, vertex: u32, position: DVec3) -> [DVec3; 3] {
+        match self {
+            Self::Rigid(matrices) => matrices.each_ref().map(|m| m.transform_point3(position)),
+            Self::Vertices(vertices) => vertices[vertex as usize],
+        }
+    }
+}
+
+/// A scene at the times that a block needs, each evaluated once.
+pub struct Clock<'w, 'a> {
+    world: &'w World<'a>,
+    block: Block,
+    /// By u in units of 1 / 2^(MAX_HALVINGS + 2).
+    frames: std::collections::BTreeMap<u32, Frame>,
+}
+
+const UNITS: u32 = 1 << (MAX_HALVINGS + 2);
+
+impl<'w, 'a> Clock<'w, 'a> {
+    /// The scene during `block`.
+    pub fn new(world: &'w World<'a>, block: Block) -> Self {
+        Self { world, block, frames: Default::default() }
+    }
+
+    /// The scene at `unit` of [`UNITS`] of the block.
+    fn frame(&mut self, unit: u32) -> Result<&Frame, Error> {
+        use std::collections::btree_map::Entry;
+        let t_us = self.block.at(f64::from(unit) / f64::from(UNITS));
+        Ok(match self.frames.entry(unit) {
+            Entry::Occupied(known) => known.into_mut(),
+            Entry::Vacant(slot) => slot.insert(self.world.frame(t_us)?),
+        })
+    }
+
+    /// The scene at the start and at the end of the block.
+    ///
+    /// # Errors
+    /// A camera without a pose.
+    pub fn ends(&mut self) -> Result<[Frame; 2], Error> {
+        Ok([self.frame(0)?.clone(), self.frame(UNITS)?.clone()])
+    }
+
+    /// The scene at the start, middle and end of the block.
+    ///
+    /// # Errors
+    /// A camera without a pose.
+    pub fn thirds(&mut self) -> Result<[Frame; 3], Error> {
+        Ok([self.frame(0)?.clone(), self.frame(UNITS / 2)?.clone(), self.frame(UNITS)?.clone()])
+    }
+
+    /// Motion of surface `surface` during the block.
+    ///
+    /// # Errors
+    /// A camera without a pose.
+    pub fn spans(&mut self, surface: u32) -> Result<Vec<Span>, Error> {
+        let mut out = Vec::with_capacity(1);
+        self.split(surface, [0, UNITS], &mut out)?;
+        Ok(out)
+    }
+
+    fn split(&mut self, surface: u32, [from, to]: [u32; 2], out: &mut Vec<Span>) -> Result<(), Error> {
+        let quarter = (to - from) / 4;
+        let units = [0, 1, 2, 3, 4].map(|k| from + k * quarter);
+        let s = &self.world.surfaces[surface as usize];
+        let (places, error_px) = if s.deforms {
+            let mut at = Vec::with_capacity(5);
+            for unit in units {
+                let world = self.world;
+                let frame = self.frame(unit)?;
+                let vertices = world.vertices(surface, frame);
+                let screen = frame.screen_from_world;
+                at.push(vertices.into_iter().map(|(p, _)| screen.transform_point3(p)).collect::<Vec<_>>());
+            }
+            let near = self.world.lens.near;
+            let error = (0..at[0].len())
+                .map(|v| [0, 1, 2, 3, 4].map(|k| at[k][v]))
+                .map(|h| left_out(h, near))
+                .fold(0.0, f64::max);
+            (Places::Vertices((0..at[0].len()).map(|v| [at[0][v], at[2][v], at[4][v]]).collect()), error)
+        } else {
+            let node = s.node;
+            let [low, high] = s.bounds;
+            let mut at = [DMat4::IDENTITY; 5];
+            for (slot, unit) in at.iter_mut().zip(units) {
+                let frame = self.frame(unit)?;
+                *slot = frame.screen_from_world * frame.world_from_node(node);
+            }
+            let near = self.world.lens.near;
+            let error = corners(low, high)
+                .map(|p| left_out(at.map(|m| m.transform_point3(p)), near))
+                .into_iter()
+                .fold(0.0, f64::max);
+            (Places::Rigid(Box::new([at[0], at[2], at[4]])), error)
+        };
+        if error_px > MAX_ERROR_PX && quarter > 1 {
+            let middle = (from + to) / 2;
+            self.split(surface, [from, middle], out)?;
+            return self.split(surface, [middle, to], out);
+        }
+        let u = [from, to].map(|v| f64::from(v) / f64::from(UNITS));
+        out.push(Span { u, places, error_px });
+        Ok(())
+    }
+}
+
+/// The eight corners of a box.
+pub fn corners(low: DVec3, high: DVec3) -> [DVec3; 8] {
+    std::array::from_fn(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low))
+}
+
+/// How far, in pixels, the quadratic through `h` at 0, 1/2 and 1 is from `h` at 1/4 and 3/4.
+fn left_out(h: [DVec3; 5], near: f64) -> f64 {
+    let miss = |exact: DVec3, guess: DVec3| {
+        let d = exact - guess;
+        // Corners behind the camera stand for what of their box is in view: at least this far away.
+        let z = exact.z.max(near).max(LEAST_DEPTH);
+        let (x, y) = (exact.x / z, exact.y / z);
+        ((d.x - x * d.z).hypot(d.y - y * d.z)) / z
+    };
+    // Lagrange's polynomials at 1/4 and 3/4.
+    let first = h[0] * 0.375 + h[2] * 0.75 - h[4] * 0.125;
+    let second = h[0] * -0.125 + h[2] * 0.75 + h[4] * 0.375;
+    miss(h[1], first).max(miss(h[3], second))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn warehouse() -> Scene {
+        evis_scene::builtin::load("warehouse", 0).unwrap()
+    }
+
+    #[test]
+    fn a_hosts_steps_and_poses_are_borders() {
+        let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
+        let host = scene.drive(&["square".into()], 700).unwrap();
+        let world = World::new(&scene, 0, Some((8, 6))).unwrap();
+        let mut found = Blocks::new(&world, 700, 8192, 10_000);
+        assert_eq!(found.pop(), None, "nothing is known yet");
+        let pose = |t_us: i64| evis_scene::HostPose::new(t_us, [0.0, 0.0, -2.8], [0.0, 0.0, 0.0, 1.0], None);
+        let step =
+            evis_scene::HostStep { poses: &[(0, 0, vec![pose(3700), pose(20_700)])], ..Default::default() };
+        host.advance(&step, 20_700).unwrap();
+        let all = |found: &mut Blocks| std::iter::from_fn(|| found.pop()).collect::<Vec<_>>();
+        let first = all(&mut found);
+        let borders: Vec<f64> = first.iter().map(|b| b.end_us).collect();
+        assert_eq!(borders, [3700.0, 8892.0, 10_700.0, 18_892.0, 20_700.0]);
+        assert!(first.iter().all(|b| !b.jump));
+        // What is hidden is gone all at once.
+        let visible = [(0, 0, vec![(25_700, false), (30_700, true)])];
+        host.advance(&evis_scene::HostStep { visible: &visible, ..Default::default() }, 30_700).unwrap();
+        let jumps = all(&mut found).iter().filter(|b| b.jump).map(|b| b.start_us).collect::<Vec<_>>();
+        assert_eq!(jumps, [20_700.0, 25_700.0]);
+    }
+
+    #[test]
+    fn borders_are_absolute_and_joined_by_jumps() {
+        let scene = warehouse();
+        let all = blocks(&scene, None, 0.0, 1e6, 8192);
+        let later = blocks(&scene, None, 300_000.0, 700_000.0, 8192);
+        // What begins later has the same borders inside.
+        for b in &later[1..] {
+            assert!(all.iter().any(|a| a.start_us == b.start_us), "{b:?}");
+        }
+        assert!(all.windows(2).all(|w| w[0].end_us == w[1].start_us));
+        // The beacon: 4 Hz, 0.3 of a cycle lit.
+        for jump in [75_000.0, 250_000.0] {
+            let found = all.iter().find(|b| (b.start_us - jump).abs() < 0.01).map(|b| b.jump);
+            assert_eq!(found, Some(true), "{jump}");
+        }
+        assert!(!all[1].jump);
+        // One after another they are the same, wherever a stream begins.
+        let world = World::new(&scene, 0, Some((8, 6))).unwrap();
+        for (start_us, first_ends_us) in [(0, Some(2048.0)), (300_000, None), (250_000, None)] {
+            let mut found = Blocks::new(&world, start_us, 8192, 1);
+            let mut wanted = blocks(&scene, None, start_us as f64, 500_000.0, 8192);
+            // But for the first one, where there is room for a short one before it.
+            if let Some(border) = first_ends_us {
+                let rest = Block { start_us: border, jump: false, ..wanted[0] };
+                wanted[0].end_us = border;
+                wanted.insert(1, rest);
+            }
+            for (index, want) in wanted[..wanted.len() - 1].iter().enumerate() {
+                let next = found.pop().unwrap();
+                // A whole run does not know what was before it.
+                let jump = if index == 0 { next.jump } else { want.jump };
+                assert_eq!(next, Block { jump, ..*want });
+                assert!(start_us != 250_000 || index > 0 || next.jump);
+            }
+        }
+        // Four turns a block would look like rest.
+        let spinner = evis_scene::builtin::load("spinner", 0).unwrap();
+        let fast = spinner.clone().at_speed(400.0).unwrap();
+        let [usual, short] =
+            [&spinner, &fast].map(|s| World::new(s, 0, Some((8, 6))).unwrap().block_us(32_768));
+        assert!(usual == 32_768 && short <= 1024, "{usual}, {short}");
+        let fast = scene.clone().at_speed(4.0).unwrap();
+        assert!(fast.break_times(None, 0.0, 1e6).iter().any(|t| (t - 18_750.0).abs() < 0.01));
+        // An environment whose clock is ahead meets them earlier.
+        let ahead = Variant { time_offset_s: 0.05, ..Variant::default() };
+        let early = scene.break_times(Some(&ahead), 0.0, 1e6);
+        assert!(early.iter().any(|t| (t - 25_000.0).abs() < 0.01), "{early:?}");
+    }
+
+    /// Largest error in pixels of the quadratics over all vertices that are in front of the camera.
+    fn worst(world: &World, block: Block) -> (f64, usize) {
+        let mut clock = Clock::new(world, block);
+        let (mut worst, mut spans) = (0.0_f64, 0);
+        for surface in 0..world.surfaces.len() as u32 {
+            for span in clock.spans(surface).unwrap() {
+                spans += 1;
+                for k in 0..23 {
+                    let v = (f64::from(k) + 0.5) / 23.0;
+                    let t_us = block.at(span.u[0] + v * (span.u[1] - span.u[0]));
+                    let frame = world.frame(t_us).unwrap();
+                    let vertices = world.vertices(surface, &frame);
+                    let primitive = world.primitive(surface);
+                    for (i, (p, _)) in vertices.iter().enumerate().step_by(7) {
+                        let h = frame.screen_from_world.transform_point3(*p);
+                        if h.z < world.lens.near {
+                            continue;
+                        }
+                        let [a, b, c] =
+                            span.places.of(i as u32, crate::scene::facets::wide(primitive.positions[i]));
+                        let (l0, l1, l2) =
+                            ((1.0 - v) * (1.0 - 2.0 * v), 4.0 * v * (1.0 - v), v * (2.0 * v - 1.0));
+                        let q = a * l0 + b * l1 + c * l2;
+                        worst = worst.max((q.x / q.z - h.x / h.z).hypot(q.y / q.z - h.y / h.z));
+                    }
+                }
+            }
+        }
+        (worst, spans)
+    }
+
+    #[test]
+    fn quadratics_stay_within_their_bound() {
+        for name in ["warehouse", "spinner", "street"] {
+            let scene = evis_scene::builtin::load(name, 0).unwrap();
+            // Twenty times as fast, so that records split.
+            for speed in [1.0, 20.0] {
+                let scene = scene.clone().at_speed(speed).unwrap();
+                let world = World::new(&scene, 0, Some((320, 240))).unwrap();
+                let block = Block { start_us: 40_960.0, end_us: 49_152.0, jump: false };
+                let (error, spans) = worst(&world, block);
+                assert!(error < BOUND_PX, "{name} at {speed}: {error} px");
+                if speed > 1.0 {
+                    assert!(spans > world.surfaces.len(), "{name}: something splits");
+                }
+            }
+        }
+        // Canary: without splitting the bound does not hold.
+        let scene = evis_scene::builtin::load("spinner", 0).unwrap().at_speed(100.0).unwrap();
+        let world = World::new(&scene, 0, Some((320, 240))).unwrap();
+        let frames = [0.0, 0.25, 0.5, 0.75, 1.0].map(|u| world.frame(40_960.0 + 8192.0 * u).unwrap());
+        let node = world.surfaces[1].node;
+        let h = frames.map(|f| {
+            (f.screen_from_world * f.world_from_node(node)).transform_point3(world.surfaces[1].bounds[0])
+        });
+        assert!(left_out(h, 0.01) > BOUND_PX);
+    }
+}
