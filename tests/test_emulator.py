@@ -150,6 +150,41 @@ class Tensor:
         return self.device
 
 
+class OnCard:
+    """A tensor on a graphics card, as far as a host sees it."""
+
+    device = "cuda:0"
+
+    def __init__(self, array: npt.NDArray[Any]) -> None:
+        self._array = array
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return (2, 0)
+
+    def detach(self) -> OnCard:
+        return self
+
+    def cpu(self) -> npt.NDArray[Any]:
+        return self._array.copy()
+
+
+def test_tensors_on_a_card_are_copied_and_warned_of_once() -> None:
+    emulator, reference = evis.EventEmulator(40, 30), evis.EventEmulator(40, 30)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with pytest.raises(evis.ConfigError, match="they must have"):
+            emulator.push(OnCard(frame(0)[:8]), 0)
+        for k in range(3):
+            assert emulator.push(OnCard(frame(k)), 1000 * k) == reference.push(frame(k), 1000 * k)
+            assert emulator.report.copies == 1
+    (said,) = [str(warning.message) for warning in caught]
+    assert f"tensors are on cuda:0, and events are made on the CPU: each push copies {40 * 30 * 4e-6:.1f}" in said
+    emulator.reset()
+    depth, motion = np.ones((30, 40), np.float32), np.zeros((30, 40, 2), np.float32)
+    emulator.push_keyframe(OnCard(frame(0)), OnCard(depth), OnCard(motion), 4000)
+    assert emulator.report.copies == 3
+
+
 def test_dlpack_tensors_are_read_in_place() -> None:
     emulator, reference = evis.EventEmulator(40, 30), evis.EventEmulator(40, 30)
     for k in range(3):

@@ -257,3 +257,32 @@ def test_arrays_of_the_simulator_fix_observation_and_step(device: evis.Device) -
         EventEnv(simulator(device, 1, dense="counts"), Push(1), observation="event_frame")
     with pytest.raises(evis.ConfigError, match="step_us=20000"):
         EventEnv(simulator(device, 1, dense="counts", dense_window_us=20_000), Push(1))
+
+
+def test_lights_and_lenses_are_drawn_with_each_episode(device: evis.Device) -> None:
+    """What an `InitialState` says of them reaches the simulator."""
+
+    class Lit(Push):
+        def reset(self, ids: np.ndarray, rngs: Any) -> Any:
+            lights = {"lamp": {"intensity": [rng.uniform(1.0, 9.0) for rng in rngs]}}
+            lenses = {"eye": {"fov_y_degrees": [rng.uniform(30.0, 60.0) for rng in rngs]}}
+            return InitialState(super().reset(ids, rngs), lights=lights, lenses=lenses)
+
+    builder = evis.SceneBuilder("lit", duration=1.0, ambient=(0.1, 0.1, 0.1))
+    builder.texture("checker", pattern="checker")
+    builder.material("painted", texture="checker")
+    builder.box("cube", size=(0.8, 0.8, 0.8), material="painted")
+    builder.light("lamp", kind="directional", intensity=5.0, pose=Placement(position=(1, 3, 2), look_at=(0, 0, 0)))
+    eye = Placement(position=(0.2, 0.4, 2.5), look_at=(0, 0, 0))
+    builder.camera(evis.EventCamera(name="eye", width=SIZE[0], height=SIZE[1], pose=eye))
+    builder.environments(2)
+    settings = {"rate_hz": 400.0, "samples": 1, "poses": ["cube"], "lights": ["lamp"], "reference_luminance": 1.0}
+    batch = EventVectorEnv(evis.Simulator(builder.build(), device=device, **settings), Lit(2))
+    batch.reset(seed=3)
+    sim = batch._batch.simulator
+    first = [sim.cameras_of(environment)[0].fx for environment in range(2)]
+    assert first[0] != first[1]
+    *_, info = batch.step(np.full((2, 1), 0.5, np.float32))
+    assert all(len(window) > 0 for window in info["events"])
+    batch.reset(seed=4)
+    assert [sim.cameras_of(environment)[0].fx for environment in range(2)] != first

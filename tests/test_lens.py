@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import pickle
 from pathlib import Path
@@ -11,7 +12,7 @@ import numpy.typing as npt
 import pytest
 
 import evis
-from evis.imu import ImuNoise, simulate
+from evis.imu import ImuNoise, from_poses, simulate
 from evis.lens import Fisheye, Lens, RadialTangential, distortion_of
 from evis.rig import Rig
 
@@ -26,6 +27,18 @@ def points(reach: float = 0.45) -> npt.NDArray[np.float64]:
     rng = np.random.default_rng(3)
     xy = rng.uniform(-reach, reach, (500, 2))
     return np.column_stack([xy, -np.ones(500)]) * rng.uniform(0.5, 4.0, (500, 1))
+
+
+@pytest.mark.parametrize(
+    ("name", "distortion"), [("none", None), ("radtan", RADTAN), ("rational", RATIONAL), ("fisheye", FISHEYE)]
+)
+def test_projection_is_what_opencv_had(name: str, distortion: RadialTangential | Fisheye | None) -> None:
+    """Where OpenCV is not installed, ten points that it projected, rounded to 1e-7 pixels."""
+    table = json.loads((Path(__file__).parent / "data" / "opencv_projections.json").read_text("utf-8"))
+    found = Lens(**K, distortion=distortion).project(table["points"]) - 0.5
+    assert np.abs(found - table[name]).max() < 1e-6
+    others = [table[other] for other in ("none", "radtan", "rational", "fisheye") if other != name]
+    assert all(np.abs(found - other).max() > 0.1 for other in others), "canary"
 
 
 @pytest.mark.parametrize("distortion", [None, RADTAN, RATIONAL, FISHEYE])
@@ -189,3 +202,80 @@ def test_a_unit_that_spins_measures_its_rate_and_the_centripetal_force() -> None
         simulate(scene, "nowhere", duration=1.0)
     with pytest.raises(evis.ConfigError, match="-5"):
         simulate(scene, "body", duration=1.0, rate_hz=-5)
+
+
+def swinging(t_s: npt.NDArray[np.float64]) -> tuple[npt.NDArray[np.float64], ...]:
+    """Poses, velocities and accelerations of a body that swings and turns at 2 rad/s about (1, 2, 3)."""
+    w = np.array([7.0, 11.0, 5.0])
+    phase = t_s[:, None] * w + [0.0, 1.0, 2.0]
+    axis = np.array([1.0, 2.0, 3.0]) / math.sqrt(14)
+    poses = np.column_stack(
+        [0.3 * np.sin(phase), axis * np.sin(t_s)[:, None], np.cos(t_s)]  # half of 2 rad/s
+    )
+    return poses, 0.3 * w * np.cos(phase), -0.3 * w * w * np.sin(phase), 2.0 * axis
+
+
+def test_a_unit_on_a_body_that_a_host_moves() -> None:
+    """Against exact derivatives, and against the scene with the same motion."""
+    t_us = np.arange(10_000, 410_001, 2000)
+    poses, velocities, _, rate = swinging(t_us * 1e-6)
+    poses[::3, 3:] *= -1.0  # the same rotations
+    found = from_poses(t_us, poses, velocities=velocities, rate_hz=300, gravity=(0, -9.0, 0))
+    assert (found.t_us[0], found.t_us[-1]) == (10_000, 406_667)
+    at, _, acceleration, _ = swinging(found.t_us * 1e-6)
+    # The inverse rotation of the world's vector, by the matrix.
+    x, y, z, w = at[:, 3:].T
+    rows = 2 * np.array(
+        [
+            [0.5 - y * y - z * z, x * y + z * w, x * z - y * w],
+            [x * y - z * w, 0.5 - x * x - z * z, y * z + x * w],
+            [x * z + y * w, y * z - x * w, 0.5 - x * x - y * y],
+        ]
+    )
+    expected = np.einsum("ijn,nj->ni", rows, acceleration - [0, -9.0, 0])
+    np.testing.assert_allclose(found.gyroscope, np.tile(rate, (len(found), 1)), atol=1e-9)
+    assert np.abs(found.accelerometer - expected).max() < 2e-3
+    without = from_poses(t_us, poses, rate_hz=300, gravity=(0, -9.0, 0))
+    assert np.abs(without.accelerometer - expected)[4:-4].max() < 0.03
+    wrong = from_poses(t_us, poses, velocities=velocities, rate_hz=300, gravity=(0, 9.0, 0))
+    assert np.abs(wrong.accelerometer - expected).max() > 10, "canary"
+    # The scene that has this motion measures the same, but near the ends.
+    keys = evis.motion.Keys(
+        times_s=t_us * 1e-6,
+        positions=poses[:, :3],
+        rotations=poses[:, 3:],
+        velocities=velocities,
+        interpolation="hermite",
+    )
+    builder = evis.SceneBuilder("body")
+    builder.material("plain")
+    builder.box("body", size=(1, 1, 1), material="plain", pose=evis.motion.Placement(motion=keys))
+    noise = ImuNoise(accelerometer_noise_density=0.2)
+    scene = simulate(builder.build(), "body", duration=0.41, rate_hz=300, noise=noise, seed=5)
+    host = from_poses(t_us, poses, velocities=velocities, rate_hz=300, noise=noise, seed=5)
+    both = scene.accelerometer[np.isin(scene.t_us, host.t_us)]
+    assert np.abs(both - host.accelerometer)[3:-3].max() < 2e-2
+    quiet = from_poses(t_us, poses, velocities=velocities, rate_hz=300)
+    assert np.abs(quiet.accelerometer - host.accelerometer).max() > 1, "canary: noise"
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"t_us": [0, 10]}, "three ascending"),
+        ({"t_us": [0, 10, 10]}, "three ascending"),
+        ({"t_us": [0.0, 10.0, 20.0]}, "whole numbers"),
+        ({"t_us": [-10, 10, 20]}, "begins at -10"),
+        ({"poses": np.zeros((3, 6))}, r"poses has shape \(3, 6\).*\(3, 7\)"),
+        ({"poses": np.full((3, 7), np.nan)}, "finite"),
+        ({"poses": np.ones((3, 7))}, "length 2 in row 0"),
+        ({"poses": "here"}, "poses is 'here'"),
+        ({"velocities": np.zeros((2, 3))}, r"velocities has shape \(2, 3\)"),
+        ({"rate_hz": 0.0}, "rate"),
+    ],
+)
+def test_poses_that_cannot_be_measured_are_refused(change: dict[str, object], message: str) -> None:
+    """By name, value and what would work."""
+    given = {"t_us": [0, 10_000, 20_000], "poses": np.tile([0, 0, 0, 0, 0, 0, 1.0], (3, 1))}
+    with pytest.raises(evis.ConfigError, match=message):
+        from_poses(**{**given, **change})  # type: ignore[arg-type]

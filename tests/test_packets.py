@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -126,3 +128,37 @@ def test_label_kinds_come_from_the_engine():
     assert _packets.LABEL_KINDS["normal"] == (np.dtype("<f4"), 3)
     assert _packets.LABEL_KINDS["instance"] == (np.dtype("<u4"), 1)
     assert _packets.LABEL_KINDS["flow_forward_valid"] == (np.dtype("u1"), 1)
+
+
+def test_labels_say_what_is_at_events(device: evis.Device, tmp_path: Path) -> None:
+    """The image nearest in time, at each event's pixel; in files too."""
+    sim = evis.Simulator(
+        "spinner", device=device, size=(48, 36), labels=["instance", "normal"], label_rate_hz=500, method="native"
+    )
+    path = tmp_path / "a.h5"
+    evis.save(sim, path, duration=0.02)
+    recording = evis.load(path)
+    events, images = recording.events, recording.labels["instance"]
+    assert len(events) > 300
+    values, apart = images.at_events(events)
+    normals, _ = recording.labels["normal"].at_events(recording.views["camera"])
+    assert (values.dtype, values.shape, normals.shape) == (np.uint32, (len(events),), (len(events), 3))
+    for k in range(0, len(events), 17):
+        distance = np.abs(images.t_us - events.t[k])
+        nearest = int(np.argmin(distance))
+        assert apart[k] == distance[nearest]
+        assert values[k] == images[nearest][events.y[k], events.x[k]]
+    assert apart.max() <= 1999, "after the last image, to the end"
+    assert len(np.unique(values)) > 1, "canary"
+    window = events.slice_time(0, 7000)
+    assert np.array_equal(images.at_events(window)[0], values[: len(window)])
+    assert images.at_events(events.slice_time(0, 0))[0].shape == (0,)
+    with pytest.raises(evis.ConfigError, match="48x36"):
+        images.at_events(evis.EventArray(events.to_numpy(), 64, 48))
+    with pytest.raises(evis.ConfigError, match="it must be an EventArray"):
+        images.at_events(values)
+    packet = evis.Simulator(
+        "spinner", device=device, size=(48, 36), labels=["depth"], label_rate_hz=10, method="native", start=0.05
+    ).step(90_000)
+    depth, apart = packet.labels["depth"].at_events(packet.events)
+    assert depth.dtype == np.float32 and apart.max() > 10_000

@@ -607,3 +607,21 @@ def test_the_time_left_never_rises() -> None:
         2.0,
         pytest.approx(10 / 9),
     ]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+def test_more_simulators_take_no_more_address_space(device: evis.Device) -> None:
+    """The device and its instance are shared; what a simulator had goes with it."""
+
+    def size() -> int:
+        fields = Path("/proc/self/status").read_text().splitlines()
+        return next(int(line.split()[1]) for line in fields if line.startswith("VmSize")) * 1024
+
+    def use(count: int) -> None:
+        for method in ["native", "decoupled"] * (count // 2):
+            evis.Simulator("spinner", size=(64, 48), rate_hz=500.0, device=device, method=method).step(4000)
+
+    use(4)
+    before = size()
+    use(12)
+    assert size() - before < 20 << 20

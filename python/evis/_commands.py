@@ -17,7 +17,7 @@ from typing import Any, NoReturn
 from . import _check, dataset, evaluate, plot, rerun
 from ._evaluate_scenes import scene_named
 from ._events import EventArray
-from ._evis import ConfigError, EvisError
+from ._evis import ConfigError, EvisError, printable
 from ._files import load
 from ._scene import Scene, scenes
 
@@ -242,7 +242,7 @@ def run_evaluate(arguments: Sequence[str]) -> int:
     except (EvisError, OSError) as error:
         _complain(error)
         return 2
-    print(found.to_json(indent=2) if as_json else found)
+    print(found.to_json(indent=2) if as_json else printable(str(found)))
     if found.controls_fail is False:
         one_by_one = found.evaluations if isinstance(found, evaluate.Ladder) else {"": found}
         wrong = sorted(
@@ -537,7 +537,7 @@ def _complain(error: Exception) -> None:
     text = str(error)
     for argument, option in _OPTIONS.items():
         text = text.replace(argument, option)
-    print(f"error: {text}", file=sys.stderr)
+    print(f"error: {printable(text)}", file=sys.stderr)
 
 
 def run(name: str, arguments: Sequence[str]) -> int:

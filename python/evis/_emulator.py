@@ -16,6 +16,7 @@ import numpy.typing as npt
 from . import _check, _evis
 from ._events import EventArray
 from ._evis import ConfigError
+from ._host_arrays import Copies
 from ._method import Warp
 from ._packets import CAUSE
 from ._sensor import Sensor, sensor_of
@@ -50,7 +51,7 @@ class EmulatorReport:
     suppressed : int
         Events that were lost to the refractory period.
     dropped : int
-        Events that were lost to the readout's rate limit.
+        Events that the readout dropped: beyond its rate limit, or where 2^18 waited for a bus.
     copies : int
         Arrays that were copied because they were not contiguous.
     """
@@ -217,6 +218,8 @@ class EventEmulator(Generic[Out]):
         self._colours = (*self._frame, 3)
         # Kinds of warnings that were given.
         self._warned: set[str] = set()
+        # What was copied from another device and is not said yet.
+        self._transfers = Copies()
         self._emulator = _evis.EventEmulator(
             **{name: value for name, value in self._settings.items() if name != "labels"}
             | {"batch": self._settings["batch"] or 1, "causes": CAUSE in wanted},
@@ -274,10 +277,11 @@ class EventEmulator(Generic[Out]):
 
         Parameters
         ----------
-        frames : array_like or DLPack tensor on the CPU
+        frames : array_like or DLPack tensor
             Shape (H, W), (H, W, 3) or (H, W, 4), whose alpha is left out; with a batch (N, ...). dtype
             float32 (linear light, or its logarithm), uint8 or uint16. C-contiguous arrays of these are not
-            copied; others, float16, float64 and arrays with alpha are, which `report` counts. NaN means
+            copied; others, float16, float64, arrays with alpha and tensors on another device are, which
+            `report` counts; the last are warned of once, with what a copy takes. NaN means
             unknown: the pixel keeps its state, which is warned of once and counted in `report`. A warning
             asks whether floats are 0 to 255 where the first ones are beyond 16 times
             ``reference_luminance`` on average.
@@ -301,7 +305,9 @@ class EventEmulator(Generic[Out]):
             If shape, dtype, time or transfer cannot be used, or light is negative or infinite. Nothing has
             changed then.
         """
-        array, copied = _as_array(frames)
+        if self._transfers.size:  # of a push that failed
+            self._transfers = Copies()
+        array, copied = _as_array(frames, transfers=self._transfers)
         if array.shape == self._frame:
             channels = 1
         else:
@@ -319,6 +325,8 @@ class EventEmulator(Generic[Out]):
             gamma=_check.number("gamma", gamma),
         )
         self._begun = True
+        if self._transfers.size:
+            self._say_transfers()
         return self._made(lists, int(copied))
 
     def push_keyframe(
@@ -340,7 +348,7 @@ class EventEmulator(Generic[Out]):
 
         The light between two keyframes is warped along the motion vectors from both, at as many instants as
         the motion requires, then goes through the sensor model as in `push`. Where neither keyframe knows it,
-        a pixel's memory stays. Arrays are NumPy or DLPack on the CPU, float32 but for ``hdr``, which may hold
+        a pixel's memory stays. Arrays are NumPy or DLPack, as in `push`, float32 but for ``hdr``, which may hold
         integers; ``(H, W)`` stands for the sensor's size, larger by ``warp.margin`` on every side, and for
         ``(N, H, W)`` with a batch.
 
@@ -417,24 +425,26 @@ class EventEmulator(Generic[Out]):
         border = 2 * (settings["margin"] or 0)
         size_hw: tuple[int, int] = (self.height + border, self.width + border)
         shape: tuple[int, ...] = size_hw if self.batch is None else (self.batch, *size_hw)
-        light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16))
+        if self._transfers.size:  # of a push that failed
+            self._transfers = Copies()
+        light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16), self._transfers)
         if transfer is None:
             transfer = "linear" if light.dtype == np.float32 else "srgb"
         depths = np.empty(0, np.float32)
         if depth is not None:
-            depths, copied = _picture("depth", depth, shape, (1,))
+            depths, copied = _picture("depth", depth, shape, (1,), transfers=self._transfers)
             copies += copied
         motion = fields = forward = None
         if motion_vectors is None and motion_steps is None:
             raise ConfigError("motion_vectors is None; it must be an array where motion_steps is not given")
         if motion_vectors is not None:
-            motion, copied = _picture("motion_vectors", motion_vectors, shape, (2,))
+            motion, copied = _picture("motion_vectors", motion_vectors, shape, (2,), transfers=self._transfers)
             copies += copied
         if motion_steps is not None:
-            fields, copied = _motion_steps(motion_steps, shape)
+            fields, copied = _motion_steps(motion_steps, shape, self._transfers)
             copies += copied
         if motion_forward is not None:
-            forward, copied = _picture("motion_forward", motion_forward, shape, (2,))
+            forward, copied = _picture("motion_forward", motion_forward, shape, (2,), transfers=self._transfers)
             copies += copied
         channels = light.size // math.prod(shape)
         size = 1 if self.batch is None else self.batch
@@ -460,6 +470,8 @@ class EventEmulator(Generic[Out]):
                 if kind not in self._warned:
                     self._warned.add(kind)
                     warnings.warn(text, stacklevel=2)
+        if self._transfers.size:
+            self._say_transfers()
         return self._made(lists, copies)
 
     @property
@@ -475,6 +487,17 @@ class EventEmulator(Generic[Out]):
         if not reports:
             return None
         return reports[0] if self.batch is None else reports
+
+    def _say_transfers(self) -> None:
+        """Warn once of what is copied from another device with each push."""
+        moved, self._transfers = self._transfers, Copies()
+        if "transfers" not in self._warned:
+            self._warned.add("transfers")
+            warnings.warn(
+                f"tensors are on {moved.device}, and events are made on the CPU: each push copies "
+                f"{moved.size / 1e6:.1f} MB ({1e3 * moved.seconds:.1f} ms this time)",
+                stacklevel=3,
+            )
 
     def _made(self, lists: list[npt.NDArray[np.void]], copies: int) -> Out:
         self._copies = (copies, self._copies[1] + copies)
@@ -695,9 +718,10 @@ def _picture(
     shape: tuple[int, ...],
     channels: tuple[int, ...],
     dtypes: tuple[Any, ...] = (np.float32,),
+    transfers: Copies | None = None,
 ) -> tuple[npt.NDArray[Any], int]:
     """View one picture per environment as a contiguous array; say how many copies that took."""
-    array, copied = _as_array(values, what, dtypes)
+    array, copied = _as_array(values, what, dtypes, transfers)
     if 3 in channels:
         array, copied = _without_alpha(array, copied, shape)
     wanted = [(*shape, number) for number in channels]
@@ -717,9 +741,11 @@ def _without_alpha(
     return array, copied
 
 
-def _motion_steps(values: Any, shape: tuple[int, ...]) -> tuple[npt.NDArray[Any], int]:
+def _motion_steps(
+    values: Any, shape: tuple[int, ...], transfers: Copies
+) -> tuple[npt.NDArray[Any], int]:
     """View the motion fields of a gap as a contiguous array; say how many copies that took."""
-    array, copied = _as_array(values, "motion_steps", (np.float32,))
+    array, copied = _as_array(values, "motion_steps", (np.float32,), transfers)
     *batch, height, width = shape
     count = array.shape[-4] if array.ndim >= 4 else 0
     if count == 0 or array.shape != (*batch, count, height, width, 2):
@@ -729,20 +755,31 @@ def _motion_steps(values: Any, shape: tuple[int, ...]) -> tuple[npt.NDArray[Any]
 
 
 def _as_array(
-    frames: Any, what: str = "frames", dtypes: tuple[Any, ...] = _LIGHT
+    frames: Any,
+    what: str = "frames",
+    dtypes: tuple[Any, ...] = _LIGHT,
+    transfers: Copies | None = None,
 ) -> tuple[npt.NDArray[Any], bool]:
-    """View anything as a C-contiguous array of a dtype that the engine reads; say whether it was copied."""
+    """View anything as a C-contiguous array of a dtype that the engine reads; say whether it was copied.
+
+    Tensors on another device are copied to the CPU, which `transfers` counts.
+    """
     # What most callers push, without the microseconds that the rest takes.
     if type(frames) is np.ndarray and frames.flags.c_contiguous and frames.dtype in dtypes:
         return frames, False
+    moved = False
     if not isinstance(frames, np.ndarray) and hasattr(frames, "__dlpack_device__"):
         device = frames.__dlpack_device__()
-        if int(device[0]) != _CPU:
+        moved = int(device[0]) != _CPU
+        if not moved:
+            frames = np.from_dlpack(frames)
+        elif hasattr(frames, "cpu"):
+            frames = (transfers or Copies()).take(what, frames)
+        else:
             raise ConfigError(
-                f"{what}: on DLPack device {int(device[0])}:{int(device[1])}; "
-                "it must be on the CPU (tensor.cpu())"
+                f"{what}: on DLPack device {int(device[0])}:{int(device[1])}, and cannot be copied from "
+                "there; give a tensor with cpu(), or an array on the CPU"
             )
-        frames = np.from_dlpack(frames)
     given: npt.NDArray[Any] = np.asarray(frames)
     array = given
     if array.dtype in (np.float16, np.float64) and np.float32 in dtypes:
@@ -756,4 +793,4 @@ def _as_array(
         wanted = f"{', '.join(others)} or {last}" if others else last
         raise ConfigError(f"dtype of {what} is {array.dtype}; it must be {wanted}")
     contiguous = np.ascontiguousarray(array)
-    return contiguous, not np.may_share_memory(contiguous, given)
+    return contiguous, moved or not np.may_share_memory(contiguous, given)

@@ -21,7 +21,7 @@ from ._bodies import Bodies, Instance, bodies_of
 from ._by_camera import ByCamera
 from ._events import EventArray, EventCarrier, EventCD, as_event_cd
 from ._evis import ConfigError, EvisError, FormatError
-from ._packets import CAUSE, LABEL_KINDS, CameraInfo, Packet, Poses
+from ._packets import CAUSE, LABEL_KINDS, AnyEvents, CameraInfo, Packet, Poses, values_at
 from ._represent import Limits, Raw
 from ._simulator import Simulator, Stream
 from .imu import ImuSamples, columns_of
@@ -151,6 +151,29 @@ class RecordedLabels(Sequence[npt.NDArray[Any]]):
         """Return when image ``index`` begins and ends: a frame's exposure; labels have none (us)."""
         t_us, other_us = self.interval_us(index)
         return (other_us, 2 * t_us - other_us) if self.kind == "frame" else (t_us, t_us)
+
+    def at_events(self, events: AnyEvents) -> tuple[npt.NDArray[Any], npt.NDArray[np.int64]]:
+        """Return what the image nearest in time says at each event's pixel; see `Labels.at_events`.
+
+        Parameters
+        ----------
+        events : EventArray, RecordedView or other carrier of events
+            N events of the same camera.
+
+        Returns
+        -------
+        values : numpy.ndarray
+            (N,) or (N, C), of the images' dtype.
+        apart_us : numpy.ndarray
+            int64 (N,), time between event and image, microseconds.
+
+        Raises
+        ------
+        ConfigError
+            If there is no image, or the events have another size.
+        """
+        camera = self._source.cameras[self._camera]
+        return values_at(self, (camera["width"], camera["height"]), lambda k: self[k], events)
 
     def _frame(self, index: int) -> _evis.Label:
         position = index + len(self) if index < 0 else index
@@ -347,7 +370,7 @@ class Recording(EventCarrier, ByCamera[RecordedView]):
     def __repr__(self) -> str:
         """Count events by camera."""
         counts = ", ".join(f"{name}: {len(view)} events" for name, view in self._views.items())
-        return f"Recording({counts}{'' if self.complete else ', incomplete'})"
+        return f"Recording({_evis.printable(counts)}{'' if self.complete else ', incomplete'})"
 
 
 def _report(text: str | None) -> Mapping[str, Any] | None:

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any, overload
+from typing import Any, TypeAlias, overload
 
 import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis
 from ._by_camera import ByCamera
-from ._events import EventArray, EventCarrier, EventCD, Events
+from ._events import EventArray, EventCarrier, EventCD, Events, EventWindow
 from ._evis import ConfigError, EvisError
 from .lens import Lens, distortion_of
 
@@ -119,6 +119,10 @@ class Poses:
         return made
 
 
+AnyEvents: TypeAlias = "EventArray | EventWindow | EventCarrier"
+"""Events of one camera, or what carries them."""
+
+
 @dataclass(frozen=True, slots=True)
 class Labels:
     """Images of one kind of label, by time.
@@ -180,6 +184,66 @@ class Labels:
         dtype, channels = LABEL_KINDS[self.kind]
         width, height = self._size
         return np.empty((0, height, width) if channels == 1 else (0, height, width, channels), dtype)
+
+    def at_events(self, events: AnyEvents) -> tuple[npt.NDArray[Any], npt.NDArray[np.int64]]:
+        """Return what the image nearest in time says at each event's pixel.
+
+        Parameters
+        ----------
+        events : EventArray, View or other carrier of events
+            N events of the same camera.
+
+        Returns
+        -------
+        values : numpy.ndarray
+            (N,) or (N, C), of the images' dtype: depth, flow, instance or another label per event.
+        apart_us : numpy.ndarray
+            int64 (N,), time between event and image, microseconds. What moved by a pixel meanwhile may be
+            something else there: `label_rate_hz` bounds it.
+
+        Raises
+        ------
+        ConfigError
+            If there is no image, or the events have another size.
+
+        Examples
+        --------
+        >>> import evis
+        >>> sim = evis.Simulator("spinner", size=(64, 48), labels=["instance"], label_rate_hz=1000)
+        >>> packet = sim.step(20_000)
+        >>> instance, apart_us = packet.labels["instance"].at_events(packet.events)
+        >>> instance.shape == packet.t.shape, int(apart_us.max()) <= 500
+        (True, True)
+        """
+        return values_at(self, self._size, lambda k: self.images[k], events)
+
+
+def values_at(
+    labels: Any, size: tuple[int, int], image: Callable[[int], npt.NDArray[Any]], events: AnyEvents
+) -> tuple[npt.NDArray[Any], npt.NDArray[np.int64]]:
+    """Read ``labels``, whose images have ``size``, at the pixels of events: `Labels.at_events`."""
+    own = events._event_array() if isinstance(events, EventCarrier) else events
+    if not isinstance(own, (EventArray, EventWindow)):
+        raise ConfigError(f"events is {_check.shown(events)}; it must be an EventArray, a window or a view of them")
+    if (own.width, own.height) != size:
+        raise ConfigError(
+            f"events are {own.width}x{own.height} and the images of {labels.kind} {size[0]}x{size[1]}; give "
+            "events of the same camera"
+        )
+    dtype, channels = LABEL_KINDS[labels.kind]
+    values = np.empty(len(own) if channels == 1 else (len(own), channels), dtype)
+    times = labels.t_us
+    if not len(own):
+        return values, np.empty(0, np.int64)
+    if not len(times):
+        raise ConfigError(f"there is no image of {labels.kind}; a higher label_rate_hz makes more")
+    nearest = np.searchsorted(times[:-1] + np.diff(times) // 2, own.t)
+    order = np.argsort(nearest, kind="stable")
+    ends = np.searchsorted(nearest[order], np.arange(len(times) + 1))
+    for k in np.flatnonzero(np.diff(ends)):
+        here = order[ends[k] : ends[k + 1]]
+        values[here] = image(int(k))[own.y[here], own.x[here]]
+    return values, np.abs(own.t - times[nearest])
 
 
 @dataclass(frozen=True, slots=True)
@@ -306,7 +370,8 @@ class Report:
     events : int
         Events of all views.
     dropped : int
-        Events that the sensor's rate limit dropped; no other event is lost, or the run has failed.
+        Events that the readout dropped, beyond its rate limit or where 2^18 waited for a bus; no other event
+        is lost, or the run has failed.
     suppressed : int
         Events that pixels lost to their refractory period.
     clamped : int
@@ -492,7 +557,7 @@ class EnvironmentPacket(_OneView, ByCamera[View]):
     def __repr__(self) -> str:
         """Count the events by camera."""
         counts = ", ".join(f"{name}: {_held(view)}" for name, view in self._views.items())
-        return f"EnvironmentPacket({self.index}, {counts})"
+        return f"EnvironmentPacket({self.index}, {_evis.printable(counts)})"
 
 
 class Packet(_OneView):

@@ -357,7 +357,8 @@ class Scene:
 
     def __repr__(self) -> str:
         """Say what it holds."""
-        return f"Scene({self.name!r}, {len(self.nodes)} nodes, cameras {', '.join(self.cameras) or 'none'})"
+        cameras = _evis.printable(", ".join(self.cameras) or "none")
+        return f"Scene({self.name!r}, {len(self.nodes)} nodes, cameras {cameras})"
 
 
 def _builtin(name: str, seed: int) -> Scene:

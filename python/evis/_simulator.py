@@ -337,11 +337,14 @@ class Simulator:
         if not (self._driven or self._changed or self._lit):
             _warn_of_motion(scene, self._scene, [camera.name for camera in self._cameras])
             for warning in self._engine.warnings:
-                warnings.warn(warning, stacklevel=2)
+                warnings.warn(_evis.printable(warning), stacklevel=2)
 
     @property
     def scene(self) -> Scene:
-        """The scene, with the cameras that were added, moved as `camera_motion` says."""
+        """The scene as it begins, with the cameras that were added, moved as `camera_motion` says.
+
+        Nothing of it is where a host has moved it in steps.
+        """
         return self._scene
 
     @property
@@ -724,6 +727,7 @@ class Simulator:
     def __repr__(self) -> str:
         """Say what renders where."""
         cameras = ", ".join(f"{camera.name} {camera.width}x{camera.height}" for camera in self._cameras)
+        cameras = _evis.printable(cameras)
         return f"Simulator({self._scene.name!r}, {self.environments} x [{cameras}] on {self.device.name})"
 
 
@@ -851,7 +855,7 @@ def _warn_of_motion(given: Scene, moved: Scene, cameras: list[str]) -> None:
     """Warn of a default camera motion, and of a static scene."""
     applied = moved._raw.camera_motion
     if given._raw.camera_motion is None and applied is not None and applied[2]:
-        warnings.warn(moved.warnings[-1], stacklevel=3)
+        warnings.warn(_evis.printable(moved.warnings[-1]), stacklevel=3)
     elif moved._raw.rests(cameras):
         warnings.warn(
             "nothing moves and no light changes, so nothing but noise can fire: camera_motion='orbit', "

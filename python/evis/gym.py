@@ -73,7 +73,7 @@ class InitialState:
         Where nodes are, by name: (K, 7), or (7,) for all.
     sensor : Sensor, str, sequence or mapping of them by camera, optional
         As of `Simulator.reset`: one for all, or one of K each. The sensors stay as they are where not given.
-    visible, materials : mapping, optional
+    visible, materials, lights, lenses : mapping, optional
         As of `Simulator.reset`, with K in front.
     """
 
@@ -81,6 +81,8 @@ class InitialState:
     sensor: Any = None
     visible: Mapping[str, npt.ArrayLike] | None = None
     materials: Mapping[str, Mapping[str, npt.ArrayLike]] | None = None
+    lights: Mapping[str, Mapping[str, npt.ArrayLike]] | None = None
+    lenses: Mapping[str, Mapping[str, npt.ArrayLike]] | None = None
 
 
 class Task(Protocol):
@@ -99,7 +101,7 @@ class Task(Protocol):
     ) -> Mapping[str, npt.ArrayLike] | InitialState:
         """Begin episodes of the K environments ``env_ids``, each with its generator.
 
-        Returns poses, (K, 7), or an `InitialState` with sensors, materials and what is seen, too.
+        Returns poses, (K, 7), or an `InitialState` with sensors, materials, lights, lenses and what is seen, too.
         """
         ...
 
@@ -198,6 +200,8 @@ class _Batch:
             poses=poses,
             visible=begun.visible,
             materials=begun.materials,
+            lights=begun.lights,
+            lenses=begun.lenses,
         )
         for name, rows in poses.items():
             self.poses.setdefault(name, np.tile(rows[:1], (self.count, 1)))[env_ids] = rows

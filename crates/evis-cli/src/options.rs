@@ -3,7 +3,7 @@
 use evis_core::ConfigError;
 
 /// Fields of a request, and the options that set them.
-const FLAGS: [(&str, &str); 32] = [
+const FLAGS: [(&str, &str); 34] = [
     ("animation", "--animation"),
     ("settings", "--settings"),
     ("sensor", "--sensor"),
@@ -27,6 +27,8 @@ const FLAGS: [(&str, &str); 32] = [
     ("seed", "--seed"),
     ("labels", "--labels"),
     ("label_rate_hz", "--label-rate"),
+    ("pose_rate_hz", "--pose-rate"),
+    ("imu rate", "--imu-rate"),
     ("frame_rate_hz", "--frame-rate"),
     ("exposure_us", "--exposure-ms"),
     ("camera_motion", "--camera-motion"),

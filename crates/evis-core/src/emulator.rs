@@ -113,7 +113,7 @@ pub struct EmulatorReport {
     pub clamped: u64,
     /// Events that were lost to the refractory period.
     pub suppressed: u64,
-    /// Events that were lost to the readout's rate limit.
+    /// Events that the readout dropped: beyond its rate limit, or where too many waited for a bus.
     pub dropped: u64,
 }
 

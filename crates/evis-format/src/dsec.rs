@@ -245,7 +245,10 @@ fn export(
         if info.distortion.is_none() {
             write_map(&own.join("rectify_map.h5"), info)?;
         } else {
-            export.notes.push(format!("no rectify_map.h5 of {}: its lens is distorted", info.name));
+            export.notes.push(format!(
+                "no rectify_map.h5 of {0}, and no rectified cameras in cam_to_cam.yaml: the lens of {0} is distorted",
+                info.name
+            ));
         }
         export.cameras.push((info.name.clone(), eye));
     }
@@ -506,23 +509,25 @@ fn write_disparity(
 }
 
 /// DSEC's calibration: cameras 0 and 3 see events, left and right; 1 and 2 are the frame cameras beside
-/// them, which here are the same.
+/// them, which here are the same. Rectified cameras are there where they are these: nothing is rectified here.
 fn calibration_yaml(cameras: &[&CameraInfo], pair: Option<&Pair>) -> String {
     let mut text = String::from("intrinsics:\n");
     let right = cameras.get(1).or(cameras.first());
     let numbered = [("cam0", cameras.first()), ("cam1", cameras.first()), ("cam2", right), ("cam3", right)];
     let rectified = numbered.map(|(name, camera)| (name.replace("cam", "camRect"), camera));
     let plain = numbered.map(|(name, camera)| (name.to_owned(), camera));
-    for (name, camera) in plain.into_iter().chain(rectified) {
+    let is_rectified =
+        cameras.iter().all(|c| c.distortion.is_none()) && pair.is_none_or(Pair::is_rectified);
+    for (name, camera) in plain.into_iter().chain(rectified.into_iter().filter(|_| is_rectified)) {
         let Some(c) = camera else { continue };
         // Pixel centres lie at whole numbers there.
         let (cx, cy) = (c.cx - 0.5, c.cy - 0.5);
         let (model, coefficients) = match &c.distortion {
-            Some(of) if !name.starts_with("camRect") => (
+            Some(of) => (
                 if of.model == "fisheye" { "equidistant" } else { of.model.as_str() },
                 of.coefficients.clone(),
             ),
-            _ => ("radtan", vec![0.0; 4]),
+            None => ("radtan", vec![0.0; 4]),
         };
         let _ = writeln!(
             text,
@@ -554,7 +559,7 @@ fn calibration_yaml(cameras: &[&CameraInfo], pair: Option<&Pair>) -> String {
     for (name, matrix) in [("T_10", identity(4)), ("T_21", t_21), ("T_32", identity(4))] {
         let _ = write!(text, "  {name}:\n{}", rows(matrix));
     }
-    for camera in 0..4 {
+    for camera in (0..4).filter(|_| is_rectified) {
         let _ = write!(text, "  R_rect{camera}:\n{}", rows(identity(3)));
     }
     if let Some(pair) = pair.filter(|pair| pair.is_rectified()) {
@@ -604,7 +609,13 @@ mod tests {
             calibration_yaml(&[camera], None).lines().filter(|l| l.trim() == line).count()
         };
         let own = ["distortion_model: equidistant", "distortion_coeffs: [0.1, 0.2, 0.0, 0.0]"];
-        assert_eq!(own.map(|line| lines(&bent, line)), [4, 4], "rectified pictures have none");
+        assert_eq!(own.map(|line| lines(&bent, line)), [4, 4]);
+        let rectified = |camera: &CameraInfo| {
+            let text = calibration_yaml(&[camera], None);
+            [text.matches("camRect").count(), text.matches("R_rect").count()]
+        };
+        assert_eq!(rectified(&bent), [0, 0], "nobody has rectified its pictures");
+        assert_eq!(rectified(&plain), [4, 4]);
         assert_eq!(own.map(|line| lines(&plain, line)), [0, 0], "canary");
         assert_eq!(lines(&plain, "distortion_coeffs: [0.0, 0.0, 0.0, 0.0]"), 8);
     }

@@ -78,14 +78,14 @@ impl From<Failure> for PyErr {
             Failure::Config(message) => raise(py, &CONFIG_ERROR, message),
             Failure::Format(message) => raise(py, &FORMAT_ERROR, message),
             Failure::Device(message) => raise(py, &DEVICE_ERROR, message),
-            Failure::Exists(message) => PyFileExistsError::new_err(in_python(&message)),
+            Failure::Exists(message) => PyFileExistsError::new_err(shown(&message)),
             Failure::Io { path, source } => match (source.raw_os_error(), path) {
                 (Some(code), Some(path)) => PyOSError::new_err((code, reason(&source), path)),
                 (Some(code), None) => PyOSError::new_err((code, reason(&source))),
                 (None, Some(path)) => {
-                    PyOSError::new_err(format!("{path}: {}", in_python(&source.to_string())))
+                    PyOSError::new_err(shown(&format!("{path}: {source}")))
                 }
-                (None, None) => PyOSError::new_err(in_python(&source.to_string())),
+                (None, None) => PyOSError::new_err(shown(&source.to_string())),
             },
         })
     }
@@ -103,6 +103,11 @@ fn in_python(message: &str) -> String {
     SETTINGS.iter().fold(message.to_owned(), |message, (name, words)| message.replace(name, words))
 }
 
+/// The same as it may be shown: Python prints messages as they are, and names in files may hold what a terminal obeys.
+fn shown(message: &str) -> String {
+    evis_core::limits::printable(&in_python(message)).into_owned()
+}
+
 /// The system's words without Rust's "(os error N)", which Python adds in its own way.
 fn reason(error: &std::io::Error) -> String {
     let text = error.to_string();
@@ -117,8 +122,7 @@ static FORMAT_ERROR: PyOnceLock<Py<PyType>> = PyOnceLock::new();
 static DEVICE_ERROR: PyOnceLock<Py<PyType>> = PyOnceLock::new();
 
 fn raise(py: Python<'_>, class: &PyOnceLock<Py<PyType>>, message: String) -> PyErr {
-    // Python shows messages as they are, and names in files may hold what a terminal obeys.
-    let message = evis_core::limits::printable(&in_python(&message)).into_owned();
+    let message = shown(&message);
     match class.get(py) {
         Some(class) => PyErr::from_type(class.bind(py).clone(), (message,)),
         // Only before the module is initialised.
@@ -132,12 +136,17 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
     let exception = py.get_type::<pyo3::exceptions::PyException>();
     let value_error = py.get_type::<PyValueError>();
     let runtime_error = py.get_type::<PyRuntimeError>();
+    // Messages of what Python itself raises hold names from files, too.
+    let printed = py
+        .eval(c"lambda printable, plain: lambda self: printable(plain(self))", None, None)?
+        .call1((module.getattr("printable")?, exception.getattr("__str__")?))?;
     let evis_error = class(
         module,
         &EVIS_ERROR,
         "EvisError",
         &[exception],
         "Base of every error that EVIS raises, except OSError for files.",
+        Some(printed),
     )?;
     class(
         module,
@@ -145,6 +154,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
         "ConfigError",
         &[evis_error.clone(), value_error.clone()],
         "A setting cannot be used; the message names it, its value, and what would work.",
+        None,
     )?;
     class(
         module,
@@ -152,6 +162,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
         "FormatError",
         &[evis_error.clone(), value_error],
         "A file or text was read, and its content is not usable.",
+        None,
     )?;
     class(
         module,
@@ -159,6 +170,7 @@ pub(crate) fn register(module: &Bound<'_, PyModule>) -> PyResult<()> {
         "DeviceError",
         &[evis_error, runtime_error],
         "No usable graphics device, or the device failed.",
+        None,
     )?;
     Ok(())
 }
@@ -169,12 +181,16 @@ fn class<'py>(
     name: &str,
     bases: &[Bound<'py, PyType>],
     doc: &str,
+    to_str: Option<Bound<'py, PyAny>>,
 ) -> PyResult<Bound<'py, PyType>> {
     let py = module.py();
     let namespace = PyDict::new(py);
     namespace.set_item("__doc__", doc)?;
     // Users import the classes from `evis`, and pickles should too.
     namespace.set_item("__module__", "evis")?;
+    if let Some(to_str) = to_str {
+        namespace.set_item("__str__", to_str)?;
+    }
     let made = py.get_type::<PyType>().call1((name, PyTuple::new(py, bases)?, namespace))?;
     let made = made.cast_into::<PyType>()?;
     let kept = slot.get_or_init(py, || made.clone().unbind());

@@ -120,6 +120,12 @@ mod _evis {
         (evis_core::limits::memory_limit(), evis_core::limits::allow_outside())
     }
 
+    /// Text as it may be shown on a terminal: control characters but line breaks and tabs are written as `\\u001b`.
+    #[pyfunction]
+    fn printable(text: &str) -> String {
+        evis_core::limits::printable(text).into_owned()
+    }
+
     /// Runs the command line; returns its exit code.
     #[pyfunction]
     fn run_cli(py: Python<'_>, args: Vec<String>) -> PyResult<i32> {

@@ -8,8 +8,8 @@ use evis_core::Transfer;
 use super::values::{positive, positive_seconds, rate_hz, seed, size, start_seconds, transfer};
 
 /// Presets of converters that take the stored values of a film for light.
-const LIKE: [&str; 8] =
-    ["v2e", "v2e-clean", "v2e-noisy", "esim", "openeb", "pix2nvs", "davis346", "davis240"];
+const LIKE: [&str; 9] =
+    ["v2e", "v2e-clean", "v2e-noisy", "esim", "openeb", "pix2nvs", "carla", "davis346", "davis240"];
 
 /// The path of a network. What stands behind the option by mistake is the input.
 fn network(text: &str) -> Result<PathBuf, String> {

@@ -42,8 +42,8 @@ pub const PRESETS: [Preset; 13] = [
     Preset {
         name: "v2e-clean",
         source: "v2e --dvs_params clean: sigma 0.02, nothing else; times and lin-log as in v2e. Different here: times are \
-                 integers, and light is Rec. 709 luminance of linear light unless the frames' transfer is linear, as v2e \
-                 takes them",
+                 integers, and light is Rec. 709 luminance (0.2126, 0.7152, 0.0722), where v2e has Rec. 601's (0.299, 0.587, \
+                 0.114), of linear light unless the frames' transfer is linear, as v2e takes them",
         make: || v2e(0.02, 0.0, 0.0, 0.0, 0),
     },
     Preset {
@@ -66,7 +66,8 @@ pub const PRESETS: [Preset; 13] = [
         name: "esim",
         source: "rpg_esim's defaults: C 1.0, sigma 0.021, eps 0.001. Different here: each pixel's thresholds are drawn once, \
                  where ESIM draws them for every pixel and frame (pattern.redraw does so), and levels that a new threshold \
-                 has put behind the last sample fire, where ESIM loses them; thresholds are at least 0.01",
+                 has put behind the last sample fire, where ESIM loses them; thresholds are at least 0.01; frames' transfer as \
+                 for v2e-clean",
         make: esim,
     },
     Preset {
@@ -74,8 +75,8 @@ pub const PRESETS: [Preset; 13] = [
         source: "OpenEB's batch video-to-event: eps 1e-7, C 0.1, sigma 0.022 within 0.01 to 1, refractory 10 us; two Euler \
                  poles whose bandwidth follows light, at 450 Hz, the middle of the range that it draws from; dead pixels, and \
                  pixels with thresholds of 0.001. Different here: such pixels are in every stream, where OpenEB has them in \
-                 one video of a hundred; a signal that ends exactly on a level fires, where OpenEB loses the event and what \
-                 follows",
+                 one video of a hundred; leak and shot noise, which it draws from 0 to 1 Hz, are off; a signal that ends exactly \
+                 on a level fires, where OpenEB loses the event and what follows; frames' transfer as for v2e-clean",
         make: openeb,
     },
     Preset {
@@ -94,12 +95,14 @@ pub const PRESETS: [Preset; 13] = [
     },
     Preset {
         name: "davis346",
-        source: "DVS-Voltmeter's constants for the DAVIS346",
+        source: "DVS-Voltmeter's constants for the DAVIS346. Different here: its light of 255 is Y_ref, in place of 8-bit \
+                 frames (push those with transfer linear); a pixel's path is followed in steps so short that the frame rate does \
+                 not matter, where DVS-Voltmeter takes one per frame; luminance as for v2e-clean",
         make: || voltmeter([5.265, 20.0, 1e-4, 1e-7, 5e-9, 1e-5]),
     },
     Preset {
         name: "davis240",
-        source: "DVS-Voltmeter's constants for the DAVIS240",
+        source: "DVS-Voltmeter's constants for the DAVIS240; different as davis346 is",
         make: || voltmeter([4.424, 23.0, 2e-4, 1e-7, 5e-8, 1e-5]),
     },
     Preset {

@@ -65,7 +65,8 @@ pub enum DenseValues {
 pub struct PacketReport {
     /// Events of all views; with dense arrays those of the instants that were sampled meanwhile.
     pub events: u64,
-    /// Events that the readout's rate limit dropped; no other event is lost, or the run has failed.
+    /// Events that the readout dropped, beyond its rate limit or where too many waited for a bus; no other event is lost, or
+    /// the run has failed.
     pub dropped: u64,
     /// Events that pixels lost to their refractory period.
     pub suppressed: u64,
