@@ -110,6 +110,38 @@ def configclass(cls: Any) -> Any:
     return dataclasses.dataclass(cls)
 
 
+class HostTensor(np.ndarray[Any, Any]):
+    """A tensor on the CPU, as far as the adapter and its tests use one."""
+
+    def to(self, device: str) -> HostTensor:
+        assert device.startswith("cpu")
+        return self
+
+    def float(self) -> HostTensor:
+        return self.astype(np.float32, copy=False)  # type: ignore[return-value]
+
+    def clone(self) -> HostTensor:
+        return self.copy()  # type: ignore[return-value]
+
+    def detach(self) -> HostTensor:
+        return self
+
+    def numpy(self) -> npt.NDArray[Any]:
+        return self.view(np.ndarray)
+
+
+def torch_or_stand_in(patch: pytest.MonkeyPatch) -> None:
+    """Put a stand-in where PyTorch would be, unless it is installed: `make test-torch` runs with it."""
+    try:
+        import torch  # noqa: F401
+    except ImportError:
+        module: Any = types.ModuleType("torch")
+        module.from_numpy = lambda array: array.view(HostTensor)
+        module.tensor = lambda values: np.array(values).view(HostTensor)
+        module.float32 = np.dtype("float32")
+        patch.setitem(sys.modules, "torch", module)
+
+
 class ProxyArray:
     """A tensor behind `.torch`, as outputs are from 3.0 on; taken for a tensor, it would warn."""
 
@@ -264,6 +296,7 @@ def install(patch: pytest.MonkeyPatch, release: str, buffers: set[str] = BUFFERS
     """Put the stand-in of a release where Isaac Lab would be; return `isaaclab.sensors`."""
     import evis.isaaclab
 
+    torch_or_stand_in(patch)
     defaults = FIELDS[release]
     namespace = {"__annotations__": dict.fromkeys(defaults, Any), "OffsetCfg": object, **defaults}
     camera = types.new_class("Camera", (Camera2 if release < "3" else Camera3,))

@@ -132,11 +132,11 @@ def test_label_kinds_come_from_the_engine():
 
 def test_labels_say_what_is_at_events(device: evis.Device, tmp_path: Path) -> None:
     """The image nearest in time, at each event's pixel; in files too."""
-    sim = evis.Simulator(
-        "spinner", device=device, size=(48, 36), labels=["instance", "normal"], label_rate_hz=500, method="native"
-    )
+    scene = evis.Scene.builtin("spinner")
+    common = {"device": device, "size": (48, 36), "method": "native"}
+    sim = evis.Simulator(scene, labels=["instance", "normal"], label_rate_hz=500, **common)
     path = tmp_path / "a.h5"
-    evis.save(sim, path, duration=0.02)
+    evis.save(path, sim.stream(duration=0.02))
     recording = evis.load(path)
     events, images = recording.events, recording.labels["instance"]
     assert len(events) > 300
@@ -157,8 +157,6 @@ def test_labels_say_what_is_at_events(device: evis.Device, tmp_path: Path) -> No
         images.at_events(evis.EventArray(events.to_numpy(), 64, 48))
     with pytest.raises(evis.ConfigError, match="it must be an EventArray"):
         images.at_events(values)
-    packet = evis.Simulator(
-        "spinner", device=device, size=(48, 36), labels=["depth"], label_rate_hz=10, method="native", start=0.05
-    ).step(90_000)
+    packet = evis.Simulator(scene, labels=["depth"], label_rate_hz=10, start=0.05, **common).step(90_000)
     depth, apart = packet.labels["depth"].at_events(packet.events)
     assert depth.dtype == np.float32 and apart.max() > 10_000

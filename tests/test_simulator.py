@@ -610,7 +610,7 @@ def test_the_time_left_never_rises() -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
-def test_more_simulators_take_no_more_address_space(device: evis.Device) -> None:
+def test_more_simulators_take_no_more_address_space(device: evis.Device, spinner: evis.Scene) -> None:
     """The device and its instance are shared; what a simulator had goes with it."""
 
     def size() -> int:
@@ -619,7 +619,7 @@ def test_more_simulators_take_no_more_address_space(device: evis.Device) -> None
 
     def use(count: int) -> None:
         for method in ["native", "decoupled"] * (count // 2):
-            evis.Simulator("spinner", size=(64, 48), rate_hz=500.0, device=device, method=method).step(4000)
+            evis.Simulator(spinner, size=(64, 48), device=device, method=method).step(4000)
 
     use(4)
     before = size()

@@ -50,7 +50,7 @@ def test_names_in_files_reach_no_terminal(
     assert SHOWN in repr(sim)
     assert not obeyed(repr(sim) + repr(made) + repr(sim.cameras[0]))
     path = tmp_path / "a.h5"
-    evis.save(sim, path, duration=0.01)
+    evis.save(path, sim.stream(duration=0.01))
     recording = evis.load(path)
     assert recording.cameras[0].name == NAME
     shown = [repr(value) for value in (recording, recording.views[NAME], recording.cameras)]

@@ -209,7 +209,8 @@ class Labels:
         Examples
         --------
         >>> import evis
-        >>> sim = evis.Simulator("spinner", size=(64, 48), labels=["instance"], label_rate_hz=1000)
+        >>> scene = evis.Scene.builtin("spinner")
+        >>> sim = evis.Simulator(scene, size=(64, 48), labels=["instance"], label_rate_hz=1000)
         >>> packet = sim.step(20_000)
         >>> instance, apart_us = packet.labels["instance"].at_events(packet.events)
         >>> instance.shape == packet.t.shape, int(apart_us.max()) <= 500

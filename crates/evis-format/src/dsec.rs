@@ -516,8 +516,7 @@ fn calibration_yaml(cameras: &[&CameraInfo], pair: Option<&Pair>) -> String {
     let numbered = [("cam0", cameras.first()), ("cam1", cameras.first()), ("cam2", right), ("cam3", right)];
     let rectified = numbered.map(|(name, camera)| (name.replace("cam", "camRect"), camera));
     let plain = numbered.map(|(name, camera)| (name.to_owned(), camera));
-    let is_rectified =
-        cameras.iter().all(|c| c.distortion.is_none()) && pair.is_none_or(Pair::is_rectified);
+    let is_rectified = cameras.iter().all(|c| c.distortion.is_none()) && pair.is_none_or(Pair::is_rectified);
     for (name, camera) in plain.into_iter().chain(rectified.into_iter().filter(|_| is_rectified)) {
         let Some(c) = camera else { continue };
         // Pixel centres lie at whole numbers there.

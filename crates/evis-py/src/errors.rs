@@ -82,9 +82,7 @@ impl From<Failure> for PyErr {
             Failure::Io { path, source } => match (source.raw_os_error(), path) {
                 (Some(code), Some(path)) => PyOSError::new_err((code, reason(&source), path)),
                 (Some(code), None) => PyOSError::new_err((code, reason(&source))),
-                (None, Some(path)) => {
-                    PyOSError::new_err(shown(&format!("{path}: {source}")))
-                }
+                (None, Some(path)) => PyOSError::new_err(shown(&format!("{path}: {source}"))),
                 (None, None) => PyOSError::new_err(shown(&source.to_string())),
             },
         })
