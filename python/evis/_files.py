@@ -6,7 +6,7 @@ import json
 import os
 import threading
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -192,6 +192,35 @@ class RecordedLabels(Sequence[npt.NDArray[Any]]):
         return np.empty(shape if channels == 1 else (*shape, channels), dtype)
 
 
+@dataclass(frozen=True, slots=True)
+class RecordedState:
+    """What a host said of its own state: joints, commands, rewards, poses of bodies that it moved.
+
+    Attributes
+    ----------
+    names : tuple of str
+        What each of the K values is.
+    t_us : numpy.ndarray
+        int64 (N,), microseconds since the stream's start.
+    values : numpy.ndarray
+        float64 (N, K), in the host's own units.
+    """
+
+    names: tuple[str, ...]
+    t_us: npt.NDArray[np.int64]
+    values: npt.NDArray[np.float64]
+
+    def __len__(self) -> int:
+        """Count the rows."""
+        return len(self.t_us)
+
+    def __getitem__(self, name: str) -> npt.NDArray[np.float64]:
+        """Return the column of that name, float64 (N,); a view."""
+        if name not in self.names:
+            raise KeyError(f"there is no {name!r}; there are {', '.join(self.names)}")
+        return self.values[:, self.names.index(name)]
+
+
 class RecordedView(EventCarrier):
     """One camera of a recording.
 
@@ -319,6 +348,15 @@ class Recording(EventCarrier, ByCamera[RecordedView]):
     def classes(self) -> dict[int, str]:
         """Names of semantic classes by ids in images of the label ``semantic``; empty where none has one."""
         return {} if self.bodies is None else self.bodies.classes
+
+    @property
+    def states(self) -> Mapping[str, RecordedState]:
+        """What a host said of its own state, by name (`Writer.write_state`); empty where it said nothing."""
+        source = self._source
+        if not isinstance(source, _evis.Recording):
+            return {}
+        found = {name: source.state(name) for name in source.states()}
+        return {name: RecordedState(tuple(names), *columns) for name, (names, *columns) in found.items()}
 
     @property
     def imus(self) -> Mapping[str, ImuSamples]:
@@ -515,6 +553,16 @@ def _mapped(path: Path) -> npt.NDArray[np.void]:
     return events
 
 
+def _states(given: Mapping[str, Sequence[str]] | None) -> dict[str, list[str]]:
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        raise ConfigError(
+            f"states is {_check.shown(given)}; it must be a mapping, such as {{'arm': ['shoulder', 'elbow']}}"
+        )
+    return {str(name): _check.names(f"states[{name!r}]", names) for name, names in given.items()}
+
+
 class Writer:
     """Writes packets to a file as they come. In HDF5, what is flushed each second survives a kill.
 
@@ -538,6 +586,9 @@ class Writer:
         Replace files that exist.
     imus : sequence of str
         Names of inertial measurement units that `write_imu` brings samples of; HDF5 only.
+    states : mapping of str to sequence of str, optional
+        Names of what `write_state` brings, each with the names of its values, such as
+        ``{"arm": ["shoulder", "elbow"]}``; HDF5 only.
     pose_rate_hz : float, optional
         Poses and velocities of objects and cameras per second, up to the end of the last packet
         (`Recording.bodies`); none where not given. HDF5 only, and not where poses come from outside.
@@ -569,6 +620,7 @@ class Writer:
         duration_us: int | None = None,
         overwrite: bool = False,
         imus: Sequence[str] = (),
+        states: Mapping[str, Sequence[str]] | None = None,
         pose_rate_hz: float | None = None,
     ) -> None:
         path = Path(path)
@@ -576,6 +628,9 @@ class Writer:
         self._imus = [str(name) for name in imus]
         if self._imus and self._format != "hdf5":
             raise ConfigError(f"{path.suffix} holds no inertial samples; write to .h5")
+        self._states = _states(states)
+        if self._states and self._format != "hdf5":
+            raise ConfigError(f"{path.suffix} holds no states; write to .h5")
         if not isinstance(simulator, Simulator):
             raise ConfigError(
                 f"simulator is {_check.shown(simulator)}; it must be the evis.Simulator of the packets"
@@ -632,6 +687,7 @@ class Writer:
                     overwrite=self._overwrite,
                     imus=self._imus,
                     bodies=self._bodies(environment, [])._infos(),
+                    states=list(self._states.items()),
                 )
             )
         return self._writers
@@ -677,6 +733,48 @@ class Writer:
             raise ConfigError(f"imus has no {name!r}; it has {', '.join(self._imus) or 'none'}")
         environment = _check.whole("environment", environment, 0, len(self._paths) - 1)
         self._open()[environment].write_imu(self._imus.index(name), *columns_of(samples))
+
+    def write_state(
+        self, name: str, t_us: npt.ArrayLike, values: npt.ArrayLike, *, environment: int = 0
+    ) -> None:
+        """Append what the host says of its own state, which continues what was written before.
+
+        Parameters
+        ----------
+        name : str
+            One of `states`.
+        t_us : int or array_like of int
+            Stream time in microseconds, () or (N,).
+        values : array_like of float
+            (K,) of one time, or (N, K), in the order of the names; stored as float64, NaN too.
+        environment : int
+            Whose file.
+
+        Raises
+        ------
+        OSError
+            If the disk refuses.
+        ConfigError
+            If there is no such state or environment, or a shape is another one.
+        FormatError
+            If a time does not come after the one before.
+        """
+        if name not in self._states:
+            raise ConfigError(f"states has no {name!r}; it has {', '.join(self._states) or 'none'}")
+        environment = _check.whole("environment", environment, 0, len(self._paths) - 1)
+        times = np.asarray(t_us)
+        try:
+            rows = np.asarray(values, np.float64)
+        except (TypeError, ValueError):
+            raise ConfigError(f"values is {_check.shown(values)}; it must be numbers") from None
+        width = len(self._states[name])
+        if times.ndim > 1 or times.dtype.kind not in "iu":
+            raise ConfigError(f"t_us is {_check.shown(t_us)}; it must be whole microseconds, one or (N,)")
+        if rows.shape != (*times.shape, width):
+            raise ConfigError(f"values has shape {rows.shape}; it must have {(*times.shape, width)}")
+        flat = np.atleast_1d(times).astype(np.int64)
+        index = list(self._states).index(name)
+        self._open()[environment].write_state(index, flat, np.ascontiguousarray(rows.reshape(len(flat), width)))
 
     def write(self, packet: Packet) -> None:
         """Append a packet; packets are written in order.

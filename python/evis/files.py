@@ -1,6 +1,6 @@
 """Files of events: reading and writing them piece by piece."""
 
-from ._files import RecordedLabels, RecordedView, Recording, Writer
+from ._files import RecordedLabels, RecordedState, RecordedView, Recording, Writer
 from ._io import EventExtTrigger, EventFile, EventFileWriter, EventsIterator, FileFrame, FilePacket, ImuDtype
 
 __all__ = [
@@ -12,6 +12,7 @@ __all__ = [
     "FilePacket",
     "ImuDtype",
     "RecordedLabels",
+    "RecordedState",
     "RecordedView",
     "Recording",
     "Writer",

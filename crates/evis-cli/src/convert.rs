@@ -196,11 +196,13 @@ fn left_out(input: &Path, camera: Option<&str>) -> Vec<String> {
     let units = recording.imus().unwrap_or_default();
     let samples: usize = units.iter().filter_map(|name| recording.imu(name).ok()).map(|all| all.len()).sum();
     let poses = recording.poses(index).map_or(0, |poses| poses.len());
+    let states = recording.states().map_or(0, |states| states.len());
     let bodies = recording.body_infos().map_or(0, |bodies| bodies.len());
     let counted = [
         (poses as u64, "poses".to_owned()),
         (samples as u64, "inertial samples".to_owned()),
         (bodies as u64, "bodies".to_owned()),
+        (states as u64, "states".to_owned()),
     ];
     let mut named = vec!["the lens".to_owned()];
     let there = images.chain(counted).filter(|(count, _)| *count > 0);

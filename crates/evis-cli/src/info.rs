@@ -33,6 +33,8 @@ struct Info {
     cameras: Vec<CameraLine>,
     /// Inertial measurement units.
     imus: Vec<ImuLine>,
+    /// What a host said of its own state.
+    states: Vec<StateLine>,
     /// Semantic classes that have a name.
     classes: Vec<ClassLine>,
     /// The settings as they are stored.
@@ -120,6 +122,15 @@ struct CameraLine {
     sensor: Option<String>,
 }
 
+/// A state of a host.
+#[derive(Serialize)]
+struct StateLine {
+    name: String,
+    rows: usize,
+    /// Names of its values.
+    values: Vec<String>,
+}
+
 #[derive(Serialize)]
 struct ImuLine {
     name: String,
@@ -186,6 +197,11 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
         let (first_s, last_s) = (samples.first().map(s), samples.last().map(s));
         imus.push(ImuLine { name, samples: samples.len(), first_s, last_s });
     }
+    let mut states = Vec::new();
+    for name in recording.states()? {
+        let state = recording.state(&name)?;
+        states.push(StateLine { name, rows: state.t_us.len(), values: state.names });
+    }
     let info = Info {
         file: args.input.display().to_string(),
         complete: recording.is_complete()?,
@@ -201,6 +217,7 @@ pub(crate) fn info(args: &InfoArgs) -> anyhow::Result<i32> {
         off: cameras.iter().map(|c| c.off).sum(),
         cameras,
         imus,
+        states,
         classes: ClassLine::of(&recording.body_infos()?),
         settings_toml: header.config_toml.clone(),
     };
@@ -372,6 +389,10 @@ fn describe(info: &Info) -> String {
             imu.first_s.unwrap_or_default(),
             imu.last_s.unwrap_or_default(),
         ));
+    }
+    for state in &info.states {
+        let (rows, values) = (text::grouped(state.rows as u64), state.values.join(", "));
+        lines.push(format!("state {}  {rows} rows of {values}", state.name));
     }
     lines.extend(ClassLine::in_words(&info.classes).map(|classes| format!("classes  {classes}")));
     lines.push("settings".into());

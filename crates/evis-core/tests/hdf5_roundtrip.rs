@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use evis_core::event::slice_time;
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::{
-    self, BodyInfo, Recording, RecordingExtras, RecordingHeader, RecordingWriter, repair,
+    self, BodyInfo, Recording, RecordingExtras, RecordingHeader, RecordingWriter, StateInfo, repair,
 };
 use evis_core::{
     CameraInfo, Event, ImuSample, LabelData, LabelFrame, LabelKind, LensDistortion, Polarity, PoseSample,
@@ -659,6 +659,52 @@ fn distortions_and_inertial_samples_come_back() {
     let plain = folder.file("plain.h5");
     RecordingWriter::create(&plain, &header, false).unwrap().finish("{}").unwrap();
     assert!(Recording::open(&plain).unwrap().imus().unwrap().is_empty());
+}
+
+#[test]
+fn states_come_back_as_they_were_given() {
+    let folder = Folder::new("states");
+    let path = folder.file("a.h5");
+    let header = header(vec![camera("cam", 16, 8)]);
+    let state = |name: &str, values: &[&str]| StateInfo {
+        name: name.into(),
+        values: values.iter().map(|value| (*value).into()).collect(),
+    };
+    let create = |path: &Path, states: &[StateInfo]| {
+        let extras = RecordingExtras { states: states.to_vec(), ..RecordingExtras::default() };
+        RecordingWriter::create_with_extras(path, &header, &extras, false)
+    };
+    let states = [state("arm", &["shoulder", "elbow"]), state("idle", &["x"])];
+    let mut writer = create(&path, &states).unwrap();
+    let t_us: Vec<i64> = (0..5000).map(|k| 100 * k).collect();
+    let values: Vec<f64> =
+        (0..10_000).map(|k| if k == 77 { f64::INFINITY } else { 0.25 * f64::from(k) }).collect();
+    writer.write_state(0, &t_us[..3], &values[..6]).unwrap();
+    writer.write_events(0, &events(100, 16, 8, 3)).unwrap();
+    writer.write_state(0, &t_us[3..], &values[6..]).unwrap();
+    let refused = [
+        writer.write_state(2, &[0], &[0.0]),
+        writer.write_state(0, &[0], &[0.0, 0.0]),
+        writer.write_state(0, &[600_000], &[0.0]),
+        writer.write_state(1, &[7, 7], &[0.0, 0.0]),
+    ];
+    let remedies = ["index below 2", "order of time", "2 per time", "order of time"];
+    for (refused, remedy) in refused.into_iter().zip(remedies) {
+        let error = refused.unwrap_err().to_string();
+        assert!(error.contains(remedy), "{error}");
+    }
+    writer.finish("{}").unwrap();
+    let recording = Recording::open(&path).unwrap();
+    recording.verify().unwrap();
+    assert_eq!(recording.states().unwrap(), ["arm", "idle"]);
+    let arm = recording.state("arm").unwrap();
+    assert_eq!((arm.names.as_slice(), &arm.t_us, &arm.values), (&states[0].values[..], &t_us, &values));
+    assert!(recording.state("idle").unwrap().t_us.is_empty());
+    assert!(recording.state("leg").unwrap_err().to_string().contains("arm, idle"));
+    for wrong in [state("", &["x"]), state("a/b", &["x"]), state("a", &[])] {
+        assert!(create(&folder.file("b.h5"), &[wrong]).is_err());
+    }
+    assert!(create(&folder.file("b.h5"), &[states[0].clone(), states[0].clone()]).is_err());
 }
 
 #[test]

@@ -3,9 +3,12 @@
 use std::path::PathBuf;
 use std::sync::Mutex;
 
-use evis_core::format::hdf5::{self, RecordingExtras, RecordingHeader, RecordingWriter};
+use evis_core::format::hdf5::{self, RecordingExtras, RecordingHeader, RecordingWriter, StateInfo};
 use evis_core::{LabelData, LabelFrame, PoseSample};
-use numpy::{PyArray1, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3, PyReadonlyArrayDyn};
+use numpy::{
+    PyArray1, PyArray2, PyArrayMethods, PyReadonlyArray1, PyReadonlyArray2, PyReadonlyArray3,
+    PyReadonlyArrayDyn,
+};
 use pyo3::exceptions::PyTypeError;
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -32,6 +35,9 @@ pub(crate) struct Writer {
     writer: ProcessBound<Mutex<Option<RecordingWriter>>>,
 }
 
+/// Names of a state's values (K), times (N,), values (N, K).
+type StateColumns<'py> = (Vec<String>, Bound<'py, PyArray1<i64>>, Bound<'py, PyArray2<f64>>);
+
 fn finished() -> Failure {
     Failure::Engine("this file is finished; open another one to write more".into())
 }
@@ -54,7 +60,7 @@ impl Writer {
     #[new]
     #[pyo3(signature = (
         path, *, cameras, seed, method, environment, config_toml, duration_us, t_offset_us, labels, overwrite,
-        imus=Vec::new(), bodies=Vec::new()
+        imus=Vec::new(), bodies=Vec::new(), states=Vec::new()
     ))]
     #[expect(clippy::too_many_arguments, reason = "keyword arguments of Python, one per field of the header")]
     fn new(
@@ -71,6 +77,7 @@ impl Writer {
         overwrite: bool,
         imus: Vec<String>,
         bodies: Vec<bodies::BodyRow>,
+        states: Vec<(String, Vec<String>)>,
     ) -> PyResult<Self> {
         let header = RecordingHeader {
             cameras: cameras.iter().map(engine::camera_info).collect::<PyResult<_>>()?,
@@ -82,7 +89,8 @@ impl Writer {
             t_offset_us,
             labels: engine::labels(&labels)?,
         };
-        let extras = RecordingExtras { imus, bodies: bodies::infos_of(bodies) };
+        let states = states.into_iter().map(|(name, values)| StateInfo { name, values }).collect();
+        let extras = RecordingExtras { imus, bodies: bodies::infos_of(bodies), states };
         let writer =
             py.detach_engine(|| RecordingWriter::create_with_extras(&path, &header, &extras, overwrite))?;
         Ok(Self { writer: ProcessBound::new(Mutex::new(Some(writer))) })
@@ -151,6 +159,18 @@ impl Writer {
     ) -> PyResult<()> {
         let samples = lens::imu_samples(&t_us, &accelerometer, &gyroscope)?;
         self.with(py, |writer| writer.write_imu(index, &samples))
+    }
+
+    /// Appends rows of state `index`: times (N,), values (N, K).
+    fn write_state(
+        &self,
+        py: Python<'_>,
+        index: usize,
+        t_us: PyReadonlyArray1<'_, i64>,
+        values: PyReadonlyArray2<'_, f64>,
+    ) -> PyResult<()> {
+        let (t_us, values) = (t_us.as_slice()?, values.as_slice()?);
+        self.with(py, |writer| writer.write_state(index, t_us, values))
     }
 
     /// Appends where all bodies are: times (T,), positions (T, N, 3), rotations (T, N, 4), velocities (T, N, 3).
@@ -291,6 +311,19 @@ impl Recording {
     /// Names of inertial measurement units.
     fn imus(&self, py: Python<'_>) -> PyResult<Vec<String>> {
         py.detach_pure(|| self.0.imus())
+    }
+
+    /// Names of the states.
+    fn states(&self, py: Python<'_>) -> PyResult<Vec<String>> {
+        py.detach_pure(|| self.0.states())
+    }
+
+    /// A state: names of its values (K), times (N,), values (N, K).
+    fn state<'py>(&self, py: Python<'py>, name: &str) -> PyResult<StateColumns<'py>> {
+        let state = py.detach_pure(|| self.0.state(name))?;
+        let shape = [state.t_us.len(), state.names.len()];
+        let values = PyArray1::from_vec(py, state.values).reshape(shape)?;
+        Ok((state.names, PyArray1::from_vec(py, state.t_us), values))
     }
 
     /// Samples of the inertial measurement unit `name`.

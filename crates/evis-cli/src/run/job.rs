@@ -200,7 +200,7 @@ impl Job {
         let files = self.outputs.iter().zip(&self.headers).zip(&self.moving.bodies);
         for ((path, header), bodies) in files.skip(self.writers.len()) {
             let (bodies, imus) = (bodies.infos().to_vec(), self.moving.imu_names.clone());
-            let extras = RecordingExtras { imus, bodies };
+            let extras = RecordingExtras { imus, bodies, ..RecordingExtras::default() };
             self.writers.push(RecordingWriter::create_with_extras(path, header, &extras, self.overwrite)?);
         }
         Ok(())

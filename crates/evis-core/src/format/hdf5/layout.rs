@@ -9,7 +9,7 @@ use rust_hdf5::{FilterPipeline, H5File, H5Group, H5Type, Hdf5Error};
 use super::units::describe;
 use super::{
     BodyInfo, EVENTS_PER_CHUNK, GZIP_LEVEL, LAYOUT_VERSION, LabelType, RESERVED_NAMES, RecordingHeader,
-    has_other_time,
+    StateInfo, has_other_time,
 };
 use crate::format::FormatError;
 use crate::packet::{CameraInfo, LabelKind};
@@ -45,7 +45,7 @@ pub(super) fn check_header(path: &Path, header: &RecordingHeader) -> Result<(), 
         if !usable {
             return invalid(
                 format!("{name:?} cannot name a camera"),
-                "use a name without slash, other than events, ms_to_idx, t_offset, truth, imus, bodies and evis",
+                "use a name without slash, other than events, ms_to_idx, t_offset, truth, imus, bodies, states and evis",
             );
         }
         if header.cameras.iter().take(i).any(|other| other.name == *name) {
@@ -217,6 +217,22 @@ pub(super) fn lay_out_imus(file: &H5File, names: &[String]) -> Result<(), Hdf5Er
         rows::<i64>(&group, "t_us", ROWS_PER_CHUNK, &[])?;
         rows::<f64>(&group, "accelerometer", ROWS_PER_CHUNK, &[3])?;
         rows::<f64>(&group, "gyroscope", ROWS_PER_CHUNK, &[3])?;
+    }
+    Ok(())
+}
+
+pub(super) fn lay_out_states(file: &H5File, states: &[StateInfo]) -> Result<(), Hdf5Error> {
+    if states.is_empty() {
+        return Ok(());
+    }
+    let group = file.create_group("states")?;
+    for StateInfo { name, values } in states {
+        let group = group.create_group(name)?;
+        strings(&group, "names", &values.iter().map(String::as_str).collect::<Vec<_>>())?;
+        rows::<i64>(&group, "t_us", ROWS_PER_CHUNK, &[])?;
+        // Chunks of a MiB or so.
+        let per_chunk = (EVENTS_PER_CHUNK / values.len()).clamp(1, ROWS_PER_CHUNK);
+        rows::<f64>(&group, "values", per_chunk, &[values.len()])?;
     }
     Ok(())
 }

@@ -64,7 +64,8 @@ const GZIP_LEVEL: u32 = 2;
 /// Deflate expands at most 1032 times; a data set that promises more than this cannot be in the file.
 const LARGEST_EXPANSION: u64 = 1100;
 /// Names that a camera may not have, since the root group uses them.
-const RESERVED_NAMES: [&str; 7] = ["events", "ms_to_idx", "t_offset", "evis", "truth", "imus", "bodies"];
+const RESERVED_NAMES: [&str; 8] =
+    ["events", "ms_to_idx", "t_offset", "evis", "truth", "imus", "bodies", "states"];
 
 /// What a recording says about itself; written when it is created.
 #[derive(Clone, Debug, PartialEq)]
@@ -129,6 +130,26 @@ impl RecordingHeader {
         fnv.write(&self.t_offset_us.to_le_bytes());
         fnv.finish()
     }
+}
+
+/// Values of a host that are stored as they are given, so many at a time.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct StateInfo {
+    /// Its name.
+    pub name: String,
+    /// Names of its values; at least one.
+    pub values: Vec<String>,
+}
+
+/// What a host said of its own state.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct StateSamples {
+    /// What each value of a row is.
+    pub names: Vec<String>,
+    /// Microseconds since the stream's start, one per row.
+    pub t_us: Vec<i64>,
+    /// Row by row.
+    pub values: Vec<f64>,
 }
 
 /// An object or a camera that a recording names and follows.

@@ -11,7 +11,7 @@ use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
 use super::{
     Bodies, BodyInfo, BodySample, LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader,
-    has_other_time,
+    StateSamples, has_other_time,
 };
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
 use crate::format::{FormatError, check_events};
@@ -294,6 +294,49 @@ impl Recording {
         })
     }
 
+    /// What a host said of its own state: the names of its states.
+    ///
+    /// # Errors
+    /// A file that can no longer be read.
+    pub fn states(&self) -> Result<Vec<String>, FormatError> {
+        with_file(&self.path, |source| {
+            let root = source.file.root_group();
+            if !source.check("/", root.group_names())?.iter().any(|name| name == "states") {
+                return Ok(Vec::new());
+            }
+            let group = source.check("states", root.group("states"))?;
+            source.check("states", group.group_names())
+        })
+    }
+
+    /// The state `name`: what its values are, its times, and the values row by row.
+    ///
+    /// # Errors
+    /// No such state, or a file that can no longer be read.
+    pub fn state(&self, name: &str) -> Result<StateSamples, FormatError> {
+        let known = self.states()?;
+        if !known.iter().any(|other| other == name) {
+            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+            let what = format!("there is no state {name:?}");
+            return Err(FormatError::invalid(&self.path, what, format!("it has {known}")));
+        }
+        with_file(&self.path, |source| {
+            let dataset = |part: &str| source.dataset(&format!("states/{name}/{part}"));
+            let names = source.check(name, dataset("names")?.read_vlen_strings())?;
+            let (times, values) = (dataset("t_us")?, dataset("values")?);
+            if names.is_empty() || values.shape().get(1..) != Some([names.len()].as_slice()) {
+                return Err(source.damaged(format!("states/{name}/values has another shape")));
+            }
+            let count = source.rows(&times, name)?.min(source.rows(&values, name)?);
+            let row = (names.len() as u64).saturating_add(1).saturating_mul(8);
+            source.fits(count.saturating_mul(row).saturating_mul(2), "its states")?;
+            let rows = usize::try_from(count).unwrap_or(usize::MAX);
+            let t_us: Vec<i64> = source.slice(&times, 0, count)?;
+            let values = source.check(name, values.read_slice(&[0, 0], &[rows, names.len()]))?;
+            Ok(StateSamples { names, t_us, values })
+        })
+    }
+
     /// Names, ids and boxes of what [`Self::bodies`] follows.
     ///
     /// # Errors
@@ -400,6 +443,9 @@ impl Recording {
         }
         for name in self.imus()? {
             self.imu(&name)?;
+        }
+        for name in self.states()? {
+            self.state(&name)?;
         }
         self.bodies()?;
         self.report().map(|_| ())

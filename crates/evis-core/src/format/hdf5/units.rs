@@ -36,6 +36,8 @@ const KNOWN: &[(&str, &str, &str)] = &[
     ("semantic_names", "1", "names of semantic_ids"),
     ("accelerometer", "m/s^2", "specific force in the axes of its node: acceleration less gravity"),
     ("gyroscope", "rad/s", "angular rate in the axes of its node"),
+    ("names", "1", "what each column of values is"),
+    ("values", "1", "what the host gave, in its own units"),
     ("depth", "m", "planar z; +inf where nothing is"),
     ("flow_forward", "pixel", "motion to the next image's time, x right, y down, anchored here"),
     ("flow_backward", "pixel", "motion to the time of the image before, x right, y down, anchored here"),

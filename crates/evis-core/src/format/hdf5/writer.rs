@@ -10,10 +10,10 @@ use rust_hdf5::{FilterPipeline, H5File, Hdf5Error};
 
 use super::column::{Column, compress};
 use super::layout::{
-    LATEST_US, check_header, creation_error, is_narrow, lay_out, lay_out_bodies, lay_out_imus,
+    LATEST_US, check_header, creation_error, is_narrow, lay_out, lay_out_bodies, lay_out_imus, lay_out_states,
 };
 use super::store::{FileState, Store};
-use super::{BodyInfo, BodySample, EVENTS_PER_CHUNK, LabelType, RecordingHeader, has_other_time};
+use super::{BodyInfo, BodySample, EVENTS_PER_CHUNK, LabelType, RecordingHeader, StateInfo, has_other_time};
 use crate::event::{Cause, Event};
 use crate::format::FormatError;
 use crate::packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, PoseSample};
@@ -33,6 +33,7 @@ pub struct RecordingWriter {
     store: Store,
     cameras: Vec<CameraColumns>,
     imus: Vec<ImuColumns>,
+    states: Vec<StateColumns>,
     /// Where the writer was given any.
     bodies: Option<BodyColumns>,
     report: Column,
@@ -73,7 +74,12 @@ pub struct RecordingExtras {
     pub imus: Vec<String>,
     /// Objects and cameras that are named, and followed where samples of them are written.
     pub bodies: Vec<BodyInfo>,
+    /// What a host says of its own state: joints, commands, rewards.
+    pub states: Vec<StateInfo>,
 }
+
+/// Most values of a [`StateInfo`].
+const MOST_STATE_VALUES: usize = 4096;
 
 struct BodyColumns {
     count: usize,
@@ -89,6 +95,13 @@ struct ImuColumns {
     t: Column,
     accelerometer: Column,
     gyroscope: Column,
+    last_t: Option<i64>,
+}
+
+struct StateColumns {
+    width: usize,
+    t: Column,
+    values: Column,
     last_t: Option<i64>,
 }
 
@@ -116,31 +129,32 @@ impl RecordingWriter {
     /// The same, with everything that a recording may hold beside its cameras.
     ///
     /// # Errors
-    /// As [`RecordingWriter::create`]; names of inertial measurement units that are empty, taken or have a slash.
+    /// As [`RecordingWriter::create`]; names of inertial measurement units or states that are empty, taken or have a slash; a
+    /// state without values or with more than 4096.
     pub fn create_with_extras(
         path: &Path,
         header: &RecordingHeader,
         extras: &RecordingExtras,
         overwrite: bool,
     ) -> Result<Self, FormatError> {
-        let RecordingExtras { imus, bodies } = extras;
-        for (i, name) in imus.iter().enumerate() {
-            if name.is_empty()
-                || name.contains(['/', '\0'])
-                || name == "."
-                || name == ".."
-                || name.len() > 255
-            {
-                let what = format!("{name:?} cannot name an inertial measurement unit");
-                return Err(FormatError::invalid(path, what, "use a name without slash"));
-            }
-            if imus.iter().take(i).any(|other| other == name) {
-                let what = format!("two inertial measurement units are named {name:?}");
-                return Err(FormatError::invalid(path, what, "give each its own name"));
-            }
+        let RecordingExtras { imus, bodies, states } = extras;
+        check_names(
+            path,
+            ["an inertial measurement unit", "inertial measurement units"],
+            &imus.iter().map(String::as_str).collect::<Vec<_>>(),
+        )?;
+        check_names(
+            path,
+            ["a state", "states"],
+            &states.iter().map(|state| state.name.as_str()).collect::<Vec<_>>(),
+        )?;
+        if let Some(wrong) = states.iter().find(|s| !(1..=MOST_STATE_VALUES).contains(&s.values.len())) {
+            let what = format!("the state {:?} has {} values", wrong.name, wrong.values.len());
+            return Err(FormatError::invalid(path, what, format!("name 1 to {MOST_STATE_VALUES}")));
         }
         let lay_out = |file: &H5File| {
             lay_out_imus(file, imus)?;
+            lay_out_states(file, states)?;
             lay_out_bodies(file, header, bodies)
         };
         let mut writer = Self::create_with(path, header, overwrite, lay_out)?;
@@ -161,6 +175,11 @@ impl RecordingWriter {
             let (t, accelerometer, gyroscope) =
                 (column("t_us")?, column("accelerometer")?, column("gyroscope")?);
             writer.imus.push(ImuColumns { t, accelerometer, gyroscope, last_t: None });
+        }
+        for StateInfo { name, values } in states {
+            let mut column = |part: &str| Column::open(&mut writer.store, &format!("states/{name}/{part}"));
+            let (t, width) = (column("t_us")?, values.len());
+            writer.states.push(StateColumns { width, t, values: column("values")?, last_t: None });
         }
         Ok(writer)
     }
@@ -222,6 +241,7 @@ impl RecordingWriter {
             store,
             cameras,
             imus: Vec::new(),
+            states: Vec::new(),
             bodies: None,
             report,
             last_flush: Instant::now(),
@@ -377,6 +397,39 @@ impl RecordingWriter {
             columns.t.push(&sample.t_us.to_le_bytes());
             columns.accelerometer.push(&little_endian(&sample.accelerometer, f64::to_le_bytes));
             columns.gyroscope.push(&little_endian(&sample.gyroscope, f64::to_le_bytes));
+        }
+        columns.last_t = last_t;
+        self.store_full_chunks()?;
+        self.flush_if_due()
+    }
+
+    /// Appends rows of state `index`, one per time, which continue those written before; `values` has them row by row.
+    ///
+    /// # Errors
+    /// No such state, another number of values, a time that does not come after the one before; then nothing of it is written.
+    /// Failed writes as in [`RecordingWriter::write_events`].
+    pub fn write_state(&mut self, index: usize, t_us: &[i64], values: &[f64]) -> Result<(), FormatError> {
+        self.check_usable()?;
+        let (count, path) = (self.states.len(), self.store.path().to_path_buf());
+        let Some(columns) = self.states.get_mut(index) else {
+            let what = format!("there is no state {index}");
+            return Err(FormatError::invalid(&path, what, format!("give an index below {count}")));
+        };
+        if values.len() != t_us.len() * columns.width {
+            let what = format!("{} values were given for {} times", values.len(), t_us.len());
+            return Err(FormatError::invalid(&path, what, format!("give {} per time", columns.width)));
+        }
+        let mut last_t = columns.last_t;
+        for &t in t_us {
+            if let Some(last) = last_t.filter(|last| t <= *last) {
+                let what = format!("the state at {t} us comes after that at {last} us");
+                return Err(FormatError::invalid(&path, what, "write them in order of time, each time once"));
+            }
+            last_t = Some(t);
+        }
+        for (t, row) in t_us.iter().zip(values.chunks_exact(columns.width)) {
+            columns.t.push(&t.to_le_bytes());
+            columns.values.push(&little_endian(row, f64::to_le_bytes));
         }
         columns.last_t = last_t;
         self.store_full_chunks()?;
@@ -549,6 +602,7 @@ impl RecordingWriter {
             let mut columns: Vec<&mut Column> =
                 writer.cameras.iter_mut().flat_map(CameraColumns::all).collect();
             columns.extend(writer.imus.iter_mut().flat_map(ImuColumns::all));
+            columns.extend(writer.states.iter_mut().flat_map(StateColumns::all));
             columns.extend(writer.bodies.iter_mut().flat_map(BodyColumns::all));
             columns.push(&mut writer.report);
             columns.retain(|c| c.full_chunks() > 0);
@@ -583,6 +637,7 @@ impl RecordingWriter {
         // `ms_to_idx` is the last to grow: what it points to is there.
         let mut columns: Vec<&mut Column> = self.cameras.iter_mut().flat_map(CameraColumns::all).collect();
         columns.extend(self.imus.iter_mut().flat_map(ImuColumns::all));
+        columns.extend(self.states.iter_mut().flat_map(StateColumns::all));
         columns.extend(self.bodies.iter_mut().flat_map(BodyColumns::all));
         columns.push(&mut self.report);
 
@@ -618,6 +673,25 @@ impl Drop for RecordingWriter {
     }
 }
 
+/// Checks names of groups, each of which may stand once; `one` and `many` are what they are of.
+fn check_names(path: &Path, [one, many]: [&str; 2], names: &[&str]) -> Result<(), FormatError> {
+    for (i, name) in names.iter().enumerate() {
+        let usable = !name.is_empty() && !name.contains(['/', '\0']) && !matches!(*name, "." | "..");
+        if !usable || name.len() > 255 {
+            let what = format!("{name:?} cannot name {one}");
+            return Err(FormatError::invalid(path, what, "use a name without slash"));
+        }
+        if names[..i].contains(name) {
+            return Err(FormatError::invalid(
+                path,
+                format!("two {many} are named {name:?}"),
+                "give each its own name",
+            ));
+        }
+    }
+    Ok(())
+}
+
 impl BodyColumns {
     fn all(&mut self) -> impl Iterator<Item = &mut Column> {
         let values = [
@@ -635,6 +709,12 @@ impl ImuColumns {
     /// All columns, in the order in which a commit extends them.
     fn all(&mut self) -> [&mut Column; 3] {
         [&mut self.accelerometer, &mut self.gyroscope, &mut self.t]
+    }
+}
+
+impl StateColumns {
+    fn all(&mut self) -> [&mut Column; 2] {
+        [&mut self.values, &mut self.t]
     }
 }
 
