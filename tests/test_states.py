@@ -42,6 +42,19 @@ def test_states_are_stored_beside_events(device: evis.Device, tmp_path: Path) ->
     with pytest.raises(KeyError, match="wrist"):
         found["wrist"]
     assert len(recording.events) > 20
+    # A copy has all of it.
+    samples = evis.imu.simulate(sim.scene, "camera", duration=0.03)
+    with evis.Writer(tmp_path / "c.h5", simulator(device), imus=["head"], states=NAMES) as writer:
+        writer.write(simulator(device).step(10_000))
+        writer.write_imu("head", samples)
+        writer.write_state("reward", [1, 2], [[3.0], [4.0]])
+    given = evis.load(tmp_path / "c.h5")
+    evis.save(tmp_path / "d.h5", given)
+    copy = evis.load(tmp_path / "d.h5")
+    assert copy.states["reward"].values.tolist() == [[3.0], [4.0]]
+    assert copy.states["arm"].names == ("shoulder", "elbow")
+    assert np.array_equal(copy.imus["head"].accelerometer, given.imus["head"].accelerometer)
+    assert copy.imus["head"].t_us.tolist() == samples.t_us.tolist()
     # A recording without any has none.
     evis.save(tmp_path / "b.h5", simulator(device).stream(duration=0.01))
     assert evis.load(tmp_path / "b.h5").states == {}

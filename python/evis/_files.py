@@ -963,7 +963,7 @@ def _save_cameras(path: Path, cameras: Mapping[str, EventArray], overwrite: bool
 
 
 def _save_recording(path: Path, recording: Recording, overwrite: bool) -> None:
-    bodies = recording.bodies
+    bodies, imus, states = recording.bodies, recording.imus, recording.states
     writer = _evis.Writer(
         path,
         cameras=[asdict(camera) for camera in recording.cameras],
@@ -975,8 +975,14 @@ def _save_recording(path: Path, recording: Recording, overwrite: bool) -> None:
         t_offset_us=recording.t_offset_us,
         labels=list(recording.labels_present),
         overwrite=overwrite,
+        imus=list(imus),
         bodies=[] if bodies is None else bodies._infos(),
+        states=[(name, list(state.names)) for name, state in states.items()],
     )
+    for index, samples in enumerate(imus.values()):
+        writer.write_imu(index, *columns_of(samples))
+    for index, state in enumerate(states.values()):
+        writer.write_state(index, state.t_us, state.values)
     for index, view in enumerate(recording.values()):
         writer.write_events(index, view.events.to_numpy(), view.causes)
         for kind, images in view.labels.items():
