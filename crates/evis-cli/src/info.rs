@@ -51,11 +51,11 @@ struct Repaired {
     events_saved: u64,
     /// Events that the file promised.
     events_promised: u64,
-    /// Of events, poses and labels.
+    /// Of events, labels, poses and inertial samples.
     rows_dropped: u64,
     millis_rebuilt: u64,
     report_dropped: bool,
-    /// Rows in the middle that are gone.
+    /// Rows that could not be read.
     holes: Vec<String>,
     nothing_to_do: bool,
 }
@@ -86,7 +86,7 @@ impl Repaired {
         );
         let others = self.rows_dropped - (self.events_promised - self.events_saved);
         if others > 0 {
-            text += &format!("; {} labels and poses were dropped", text::grouped(others));
+            text += &format!("; {} labels, poses and inertial samples were dropped", text::grouped(others));
         }
         if self.millis_rebuilt > 0 {
             text += "; ms_to_idx was mended";
@@ -415,9 +415,13 @@ mod tests {
             ..Default::default()
         };
         let told = Repaired::of(&report).in_words();
-        for words in
-            ["cut off", "12 of 17 events", "3 labels and poses were dropped", "report is lost", "not count"]
-        {
+        for words in [
+            "cut off",
+            "12 of 17 events",
+            "3 labels, poses and inertial samples were dropped",
+            "report is lost",
+            "not count",
+        ] {
             assert!(told.contains(words), "{told} lacks '{words}'");
         }
         let told = Repaired::of(&RepairReport { millis_rebuilt: 3, ..Default::default() }).in_words();

@@ -6,7 +6,7 @@ mod common;
 
 use common::{
     Folder, HEIGHT, OFF_EVENTS, ON_EVENTS, WIDTH, code, evis, json, program, stderr, stdout,
-    write_many_events, write_recording,
+    write_inertial_samples, write_many_events, write_recording,
 };
 
 const WHITE: [u8; 3] = [255, 255, 255];
@@ -82,6 +82,36 @@ fn a_check_names_the_hole_in_a_damaged_file() {
         assert!(told.contains(words), "the error lacks '{words}':\n{told}");
     }
     assert!(std::fs::read(&path).unwrap() == bytes, "a check writes nothing");
+}
+
+#[test]
+fn a_damaged_inertial_unit_costs_no_event() {
+    let folder = Folder::new("unit");
+    let path = folder.file("a.h5");
+    write_inertial_samples(&path);
+    done(&folder, "info a.h5 --check");
+    let mut bytes = std::fs::read(&path).unwrap();
+    // The events fill no page.
+    let page = bytes.len() / 2 / 4096 * 4096;
+    bytes[page..page + 4096].fill(0);
+    std::fs::write(&path, &bytes).unwrap();
+    for line in ["info a.h5", "info a.h5 --check"] {
+        let output = evis(&folder, line);
+        assert_eq!(code(&output), 2, "{line}\n{}", stdout(&output));
+        assert!(stderr(&output).contains("info --repair"), "{line}\n{}", stderr(&output));
+    }
+    let told = stderr(&evis(&folder, "info a.h5 --check"));
+    for words in
+        ["rows ", " of imus/head (between ", " cannot be read; ", " rows are missing, 0 of them events"]
+    {
+        assert!(told.contains(words), "the error lacks '{words}':\n{told}");
+    }
+    let told = done(&folder, "info a.h5 --repair");
+    for words in ["100 of 100 events", "inertial samples were dropped", " of imus/head (between ", "imu head"]
+    {
+        assert!(told.contains(words), "the text lacks '{words}':\n{told}");
+    }
+    done(&folder, "info a.h5 --check");
 }
 
 #[test]

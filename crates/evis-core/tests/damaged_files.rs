@@ -12,7 +12,7 @@ use std::sync::atomic::Ordering;
 
 use common::damage::{Damage, Folder, replace};
 use evis_core::format::EventFile;
-use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
+use evis_core::format::hdf5::{BodyInfo, Recording, RecordingExtras, RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, Event, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
 use promised::check;
 use watched::{LARGEST, LIMIT, within_the_limit};
@@ -20,6 +20,21 @@ use watched::{LARGEST, LIMIT, within_the_limit};
 fn events(count: i64) -> Vec<Event> {
     let polarity = |i: i64| if i % 3 == 0 { Polarity::Off } else { Polarity::On };
     (0..count).map(|i| Event::new(i * 37, (i * 7 % 40) as u16, (i * 5 % 30) as u16, polarity(i))).collect()
+}
+
+/// An object and a camera, which has no box.
+fn bodies() -> Vec<BodyInfo> {
+    let body = |name: &str, instance_id, semantic_id, semantic_name: &str, bounds| BodyInfo {
+        name: name.into(),
+        instance_id,
+        semantic_id,
+        semantic_name: semantic_name.into(),
+        bounds,
+    };
+    vec![
+        body("ball", 1, 7, "toy", [[-0.5, -0.25, -1.0], [0.5, 0.25, 1.0]]),
+        body("camera", 0, 0, "", [[f64::NAN; 3]; 2]),
+    ]
 }
 
 fn recording(path: &std::path::Path) {
@@ -43,7 +58,8 @@ fn recording(path: &std::path::Path) {
         t_offset_us: 0,
         labels: vec![LabelKind::Depth, LabelKind::Cause],
     };
-    let mut writer = RecordingWriter::create(path, &header, true).unwrap();
+    let extras = RecordingExtras { imus: vec!["head".into()], bodies: bodies() };
+    let mut writer = RecordingWriter::create_with_extras(path, &header, &extras, true).unwrap();
     let all = events(600);
     writer.write_caused_events(0, &all, &vec![0; all.len()]).unwrap();
     for t_us in [0, 10_000] {
@@ -66,6 +82,7 @@ fn read_recording(path: &std::path::Path) -> Result<(), evis_core::format::Forma
         recording.events_between(index, 5_000, 9_000)?;
         recording.causes(index, None)?;
         recording.poses(index)?;
+        recording.bodies()?;
         for kind in recording.label_kinds(index)? {
             for k in 0..recording.label_times(index, *kind)?.len() {
                 recording.label(index, *kind, k)?;
@@ -81,8 +98,10 @@ fn a_flipped_bit_changes_nothing_that_a_recording_says_of_itself() {
     let path = folder.file("out.h5");
     recording(&path);
     let header = Recording::open(&path).unwrap().header().clone();
+    // As text, for NaN equals nothing.
+    let listed = format!("{:?}", bodies());
     let bytes = std::fs::read(&path).unwrap();
-    let (mut opened, mut refused) = (0, 0);
+    let (mut opened, mut refused, mut lists_refused) = (0, 0, 0);
     for at in (0..bytes.len()).step_by(2) {
         let mut mutant = bytes.clone();
         mutant[at] ^= 1 << (at / 2 % 8);
@@ -91,11 +110,18 @@ fn a_flipped_bit_changes_nothing_that_a_recording_says_of_itself() {
             Ok(recording) => {
                 opened += 1;
                 assert_eq!(recording.header(), &header, "byte {at}");
+                match recording.body_infos() {
+                    Ok(infos) => assert_eq!(format!("{infos:?}"), listed, "byte {at}"),
+                    Err(_) => lists_refused += 1,
+                }
+                assert!(recording.imus().is_err() || recording.imus().unwrap() == ["head"], "byte {at}");
             }
             Err(_) => refused += 1,
         }
     }
+    println!("{opened} opened, {refused} refused; of those opened, {lists_refused} lists of bodies refused");
     assert!(opened > 300 && refused > 300, "{opened} opened, {refused} refused");
+    assert!(lists_refused > 100, "{lists_refused} lists of bodies refused");
 }
 
 #[test]

@@ -4,8 +4,8 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
-use evis_core::format::hdf5::{RecordingHeader, RecordingWriter};
-use evis_core::{CameraInfo, Event, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
+use evis_core::format::hdf5::{RecordingExtras, RecordingHeader, RecordingWriter};
+use evis_core::{CameraInfo, Event, ImuSample, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
 
 /// A folder that goes with the test.
 pub struct Folder(PathBuf);
@@ -155,6 +155,22 @@ pub fn write_many_events(path: &Path) {
     let events: Vec<Event> = (0..300_000).map(&mut event).collect();
     let mut writer = RecordingWriter::create(path, &header, false).unwrap();
     writer.write_events(0, &events).unwrap();
+    writer.finish("{}").unwrap();
+}
+
+/// A recording of 100 events of a camera named left, and 20 000 samples of an inertial unit named head, which fill many pages.
+pub fn write_inertial_samples(path: &Path) {
+    let header = RecordingHeader { method: "native".into(), ..RecordingHeader::of(vec![camera("left")]) };
+    let extras = RecordingExtras { imus: vec!["head".into()], ..RecordingExtras::default() };
+    let events: Vec<Event> = (0..100).map(|k| Event::new(50 * k, 1, 2, Polarity::On)).collect();
+    let sample = |k: i64| ImuSample {
+        t_us: 1000 * k,
+        accelerometer: [0.1, 0.7, 0.3].map(|f| (f * k as f64).sin()),
+        gyroscope: [0.2, 0.9, 0.4].map(|f| (f * k as f64).cos()),
+    };
+    let mut writer = RecordingWriter::create_with_extras(path, &header, &extras, false).unwrap();
+    writer.write_events(0, &events).unwrap();
+    writer.write_imu(0, &(0..20_000).map(sample).collect::<Vec<_>>()).unwrap();
     writer.finish("{}").unwrap();
 }
 

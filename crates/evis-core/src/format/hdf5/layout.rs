@@ -4,7 +4,7 @@ use std::io;
 use std::mem::size_of;
 use std::path::Path;
 
-use rust_hdf5::{FilterPipeline, H5File, H5Group, H5Type, Hdf5Error};
+use rust_hdf5::{DatatypeMessage, FilterPipeline, H5File, H5Group, H5Type, Hdf5Error};
 
 use super::units::describe;
 use super::{
@@ -272,6 +272,10 @@ pub(super) fn lay_out_bodies(
         let corners: Vec<f64> = bodies.iter().flat_map(|body| body.bounds[side]).collect();
         values(&group, name, &corners, &[count, 3])?;
     }
+    // As text, since numbers among the attributes of a group cannot be read back.
+    let hash = format!("{:016x}", BodyInfo::hash(bodies));
+    let kind = DatatypeMessage::fixed_string_utf8(hash.len() as u32);
+    group.set_attr_typed("bodies_hash", kind, hash.into_bytes())?;
     // Chunks of a MiB or so, however many bodies there are.
     let per_chunk = (EVENTS_PER_CHUNK / count).clamp(1, ROWS_PER_CHUNK);
     rows::<i64>(&group, "t_us", ROWS_PER_CHUNK, &[])?;

@@ -14,6 +14,7 @@
 //! /<camera>/labels/{semantic_ids u32, semantic_names}   with semantic labels: names of the classes
 //! /bodies/{name, instance_id u32, semantic_id u32, box_min, box_max}   objects and cameras (N)
 //! /bodies/semantic_name     where a class has a name
+//! /bodies@bodies_hash       text, 16 hexadecimal digits: FNV-1a of the names, ids and boxes
 //! /bodies/{t_us (T), position, linear_velocity, angular_velocity (T, N, 3), rotation_xyzw (T, N, 4)}
 //! /evis/{seed u64, environment u32, complete u8}        attributes version, method
 //! /evis/{cameras, config_toml}                          strings
@@ -177,6 +178,22 @@ impl BodyInfo {
     pub fn classes(bodies: &[Self]) -> Vec<(u32, &str)> {
         let classes = bodies.iter().map(|body| (body.semantic_id, body.semantic_name.as_str()));
         named(classes.filter(|(_, name)| !name.is_empty()))
+    }
+
+    /// What a file keeps to know its list of bodies by: FNV-1a over all that is stored of them, numbers as their bytes.
+    fn hash(bodies: &[Self]) -> u64 {
+        let mut fnv = Fnv::default();
+        let classes_are_stored = !Self::classes(bodies).is_empty();
+        for body in bodies {
+            let class = if classes_are_stored { body.semantic_name.as_str() } else { "" };
+            for text in [body.name.as_str(), class] {
+                fnv.write(&(text.len() as u64).to_le_bytes());
+                fnv.write(text.as_bytes());
+            }
+            fnv.write(&[body.instance_id, body.semantic_id].map(u32::to_le_bytes).concat());
+            fnv.write(&body.bounds.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>());
+        }
+        fnv.finish()
     }
 }
 

@@ -250,12 +250,11 @@ impl Recording {
     /// A file that can no longer be read.
     pub fn imus(&self) -> Result<Vec<String>, FormatError> {
         with_file(&self.path, |source| {
-            let root = source.file.root_group();
-            if !source.check("/", root.group_names())?.iter().any(|name| name == "imus") {
+            if !source.has("imus")? {
                 return Ok(Vec::new());
             }
-            let group = source.check("imus", root.group("imus"))?;
-            source.check("imus", group.group_names())
+            let group = source.check("imus", source.file.root_group().group("imus"))?;
+            source.check("imus", group.link_names())
         })
     }
 
@@ -585,8 +584,7 @@ fn damaged(path: &Path, what: impl Into<String>) -> FormatError {
 
 /// See [`Recording::body_infos`].
 fn body_infos(source: &Source<'_>) -> Result<Vec<BodyInfo>, FormatError> {
-    let root = source.file.root_group();
-    if !source.check("/", root.group_names())?.iter().any(|name| name == "bodies") {
+    if !source.has("bodies")? {
         return Ok(Vec::new());
     }
     let at = "bodies";
@@ -597,7 +595,7 @@ fn body_infos(source: &Source<'_>) -> Result<Vec<BodyInfo>, FormatError> {
     let low: Vec<f64> = source.check(at, dataset("box_min")?.read_raw())?;
     let high: Vec<f64> = source.check(at, dataset("box_max")?.read_raw())?;
     let count = ids.len();
-    let group = source.check(at, root.group(at))?;
+    let group = source.check(at, source.file.root_group().group(at))?;
     let members = source.check(at, group.dataset_names())?;
     let classes = if members.iter().any(|name| name == "semantic_name") {
         source.check(at, dataset("semantic_name")?.read_vlen_strings())?
@@ -617,7 +615,17 @@ fn body_infos(source: &Source<'_>) -> Result<Vec<BodyInfo>, FormatError> {
         semantic_name,
         bounds: [low, high],
     };
-    Ok(infos.map(info).collect())
+    let infos: Vec<BodyInfo> = infos.map(info).collect();
+    // Files from before there was one have none.
+    if source.check(at, group.attr_names())?.iter().any(|name| name == "bodies_hash") {
+        let hash = source.check(at, group.attr_string("bodies_hash"))?;
+        if hash != format!("{:016x}", BodyInfo::hash(&infos)) {
+            return Err(source.damaged(
+                "the names, ids or boxes of its bodies are not those that were written (bodies_hash)",
+            ));
+        }
+    }
+    Ok(infos)
 }
 
 impl Source<'_> {
@@ -636,6 +644,12 @@ impl Source<'_> {
 
     pub fn check<T>(&self, name: &str, result: Result<T, Hdf5Error>) -> Result<T, FormatError> {
         result.map_err(|e| self.damaged(format!("{name}: {e}")))
+    }
+
+    /// Whether the root group has `name`. A damaged group has a link, and is missing from the list of groups.
+    pub fn has(&self, name: &str) -> Result<bool, FormatError> {
+        let links = self.check("/", self.file.root_group().link_names())?;
+        Ok(links.iter().any(|link| link == name))
     }
 
     pub fn dataset(&self, name: &str) -> Result<H5Dataset, FormatError> {

@@ -199,7 +199,7 @@ fn column<T: H5Type>(group: &H5Group, name: &str, values: &[T], width: usize) ->
 }
 
 fn has_truth(path: &Path) -> Result<bool, FormatError> {
-    with_file(path, |source| Ok(source.file.root_group().group("truth").is_ok()))
+    with_file(path, |source| source.has("truth"))
 }
 
 fn read(source: &Source<'_>, header: &RecordingHeader) -> Result<Truth, FormatError> {
