@@ -51,7 +51,7 @@ struct Repaired {
     events_saved: u64,
     /// Events that the file promised.
     events_promised: u64,
-    /// Of events, labels, poses and inertial samples.
+    /// Of events, labels, poses, inertial samples and states.
     rows_dropped: u64,
     millis_rebuilt: u64,
     report_dropped: bool,
@@ -86,7 +86,10 @@ impl Repaired {
         );
         let others = self.rows_dropped - (self.events_promised - self.events_saved);
         if others > 0 {
-            text += &format!("; {} labels, poses and inertial samples were dropped", text::grouped(others));
+            text += &format!(
+                "; {} rows of labels, poses, inertial samples and states were dropped",
+                text::grouped(others)
+            );
         }
         if self.millis_rebuilt > 0 {
             text += "; ms_to_idx was mended";
@@ -418,7 +421,7 @@ mod tests {
         for words in [
             "cut off",
             "12 of 17 events",
-            "3 labels, poses and inertial samples were dropped",
+            "3 rows of labels, poses, inertial samples and states were dropped",
             "report is lost",
             "not count",
         ] {

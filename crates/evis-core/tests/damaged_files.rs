@@ -12,7 +12,9 @@ use std::sync::atomic::Ordering;
 
 use common::damage::{Damage, Folder, replace};
 use evis_core::format::EventFile;
-use evis_core::format::hdf5::{BodyInfo, Recording, RecordingExtras, RecordingHeader, RecordingWriter};
+use evis_core::format::hdf5::{
+    BodyInfo, Recording, RecordingExtras, RecordingHeader, RecordingWriter, StateInfo,
+};
 use evis_core::{CameraInfo, Event, LabelData, LabelFrame, LabelKind, Polarity, PoseSample};
 use promised::check;
 use watched::{LARGEST, LIMIT, within_the_limit};
@@ -58,7 +60,11 @@ fn recording(path: &std::path::Path) {
         t_offset_us: 0,
         labels: vec![LabelKind::Depth, LabelKind::Cause],
     };
-    let extras = RecordingExtras { imus: vec!["head".into()], bodies: bodies() };
+    let extras = RecordingExtras {
+        imus: vec!["head".into()],
+        bodies: bodies(),
+        states: vec![StateInfo { name: "arm".into(), values: vec!["shoulder".into(), "elbow".into()] }],
+    };
     let mut writer = RecordingWriter::create_with_extras(path, &header, &extras, true).unwrap();
     let all = events(600);
     writer.write_caused_events(0, &all, &vec![0; all.len()]).unwrap();
@@ -102,9 +108,9 @@ fn a_flipped_bit_changes_nothing_that_a_recording_says_of_itself() {
     let listed = format!("{:?}", bodies());
     let bytes = std::fs::read(&path).unwrap();
     let (mut opened, mut refused, mut lists_refused) = (0, 0, 0);
-    for at in (0..bytes.len()).step_by(2) {
+    for at in (0..bytes.len()).step_by(5) {
         let mut mutant = bytes.clone();
-        mutant[at] ^= 1 << (at / 2 % 8);
+        mutant[at] ^= 1 << (at / 5 % 8);
         replace(&path, &mutant);
         match Recording::open(&path) {
             Ok(recording) => {
@@ -113,6 +119,9 @@ fn a_flipped_bit_changes_nothing_that_a_recording_says_of_itself() {
                 match recording.body_infos() {
                     Ok(infos) => assert_eq!(format!("{infos:?}"), listed, "byte {at}"),
                     Err(_) => lists_refused += 1,
+                }
+                if let Ok(state) = recording.state("arm") {
+                    assert_eq!(state.names, ["shoulder", "elbow"], "byte {at}");
                 }
                 assert!(recording.imus().is_err() || recording.imus().unwrap() == ["head"], "byte {at}");
             }

@@ -229,6 +229,9 @@ pub(super) fn lay_out_states(file: &H5File, states: &[StateInfo]) -> Result<(), 
     for StateInfo { name, values } in states {
         let group = group.create_group(name)?;
         strings(&group, "names", &values.iter().map(String::as_str).collect::<Vec<_>>())?;
+        let hash = StateInfo::hash(values);
+        let kind = DatatypeMessage::fixed_string_utf8(hash.len() as u32);
+        group.set_attr_typed("names_hash", kind, hash.into_bytes())?;
         rows::<i64>(&group, "t_us", ROWS_PER_CHUNK, &[])?;
         // Chunks of a MiB or so.
         let per_chunk = (EVENTS_PER_CHUNK / values.len()).clamp(1, ROWS_PER_CHUNK);

@@ -12,6 +12,7 @@
 //! /<camera>/intrinsics/{fx, fy, cx, cy f64, width, height i64}
 //! /<camera>/labels/{instance_ids u32, instance_names}   with instance labels: names of the ids
 //! /<camera>/labels/{semantic_ids u32, semantic_names}   with semantic labels: names of the classes
+//! /states/<name>/{names (K), t_us (N), values (N, K)}   what a host wrote of its own state
 //! /bodies/{name, instance_id u32, semantic_id u32, box_min, box_max}   objects and cameras (N)
 //! /bodies/semantic_name     where a class has a name
 //! /bodies@bodies_hash       text, 16 hexadecimal digits: FNV-1a of the names, ids and boxes
@@ -140,6 +141,18 @@ pub struct StateInfo {
     pub name: String,
     /// Names of its values; at least one.
     pub values: Vec<String>,
+}
+
+impl StateInfo {
+    /// What a file keeps to know the names of its values by, as text: FNV-1a.
+    fn hash(values: &[String]) -> String {
+        let mut fnv = Fnv::default();
+        for text in values {
+            fnv.write(&(text.len() as u64).to_le_bytes());
+            fnv.write(text.as_bytes());
+        }
+        format!("{:016x}", fnv.finish())
+    }
 }
 
 /// What a host said of its own state.

@@ -10,7 +10,7 @@ use rust_hdf5::format::superblock::SuperblockV2V3;
 use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
 use super::{
-    Bodies, BodyInfo, BodySample, LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader,
+    Bodies, BodyInfo, BodySample, LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader, StateInfo,
     StateSamples, has_other_time,
 };
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
@@ -299,12 +299,11 @@ impl Recording {
     /// A file that can no longer be read.
     pub fn states(&self) -> Result<Vec<String>, FormatError> {
         with_file(&self.path, |source| {
-            let root = source.file.root_group();
-            if !source.check("/", root.group_names())?.iter().any(|name| name == "states") {
+            if !source.has("states")? {
                 return Ok(Vec::new());
             }
-            let group = source.check("states", root.group("states"))?;
-            source.check("states", group.group_names())
+            let group = source.check("states", source.file.root_group().group("states"))?;
+            source.check("states", group.link_names())
         })
     }
 
@@ -322,6 +321,12 @@ impl Recording {
         with_file(&self.path, |source| {
             let dataset = |part: &str| source.dataset(&format!("states/{name}/{part}"));
             let names = source.check(name, dataset("names")?.read_vlen_strings())?;
+            let group = source.check(name, source.file.root_group().group(&format!("states/{name}")))?;
+            if source.check(name, group.attr_string("names_hash"))? != StateInfo::hash(&names) {
+                return Err(
+                    source.damaged(format!("the names of states/{name} are not those that were written"))
+                );
+            }
             let (times, values) = (dataset("t_us")?, dataset("values")?);
             if names.is_empty() || values.shape().get(1..) != Some([names.len()].as_slice()) {
                 return Err(source.damaged(format!("states/{name}/values has another shape")));

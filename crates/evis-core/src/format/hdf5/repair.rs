@@ -22,7 +22,7 @@ pub struct RepairReport {
     pub events_dropped: u64,
     /// Entries of `ms_to_idx` that were added or dropped.
     pub millis_rebuilt: u64,
-    /// Rows dropped because a column of their event, label, pose or inertial sample was missing or damaged; events among them.
+    /// Rows dropped because a column of their event, label, pose, inertial sample or state was missing or damaged; events among them.
     pub rows_dropped: u64,
     /// The writer's report was there and could not be saved.
     pub report_dropped: bool,
@@ -33,7 +33,7 @@ pub struct RepairReport {
 /// Rows of a table that cannot be read.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Hole {
-    /// The table: `left/events`, `left/poses`, `left/labels/depth`, `imus/head`, `bodies`.
+    /// The table: `left/events`, `left/poses`, `left/labels/depth`, `imus/head`, `states/arm`, `bodies`.
     pub part: String,
     /// First row.
     pub first: u64,
@@ -110,7 +110,7 @@ pub fn check(path: &Path) -> Result<RepairReport, FormatError> {
 /// What a file has that a repair can shorten.
 struct Tables {
     cameras: Vec<Camera>,
-    /// What there is beside the cameras: a table of inertial samples each, and the poses of bodies.
+    /// What there is beside the cameras: tables of inertial samples and of states, and the poses of bodies.
     extras: Vec<Rows>,
     /// The writer's report.
     text: Rows,
@@ -189,6 +189,11 @@ fn survey_extras(store: &mut Store, starts_only: bool) -> Result<Vec<Rows>, Form
     for name in store.names("imus")? {
         let part = format!("imus/{name}");
         let columns = ["t_us", "accelerometer", "gyroscope"].map(|c| format!("{part}/{c}"));
+        extras.push(Rows::survey(store, &part, &columns, starts_only)?);
+    }
+    for name in store.names("states")? {
+        let part = format!("states/{name}");
+        let columns = ["t_us", "values"].map(|c| format!("{part}/{c}"));
         extras.push(Rows::survey(store, &part, &columns, starts_only)?);
     }
     if store.find("bodies")?.is_some() {
@@ -427,7 +432,9 @@ fn value(column: &mut Column, store: &mut Store, row: u64) -> Result<u64, Format
 mod tests {
     use super::*;
     use crate::event::{Event, Polarity};
-    use crate::format::hdf5::{BodyInfo, BodySample, RecordingExtras, RecordingHeader, RecordingWriter};
+    use crate::format::hdf5::{
+        BodyInfo, BodySample, RecordingExtras, RecordingHeader, RecordingWriter, StateInfo,
+    };
     use crate::packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, PoseSample};
 
     fn stored_index(path: &Path) -> Vec<u64> {
@@ -449,7 +456,7 @@ mod tests {
     /// Rows of each table beside the events: three chunks where a chunk has 1024 rows.
     const SAMPLES: i64 = 2500;
 
-    /// 20 000 events of a camera named cam, its poses and depth images, and poses of two bodies and samples of two
+    /// 20 000 events of a camera named cam, its poses and depth images, a state, poses of two bodies and samples of two
     /// inertial units. The second unit has a single chunk.
     fn record_all_kinds(path: &Path) -> Vec<Event> {
         let labels = vec![LabelKind::Depth];
@@ -468,6 +475,7 @@ mod tests {
         let extras = RecordingExtras {
             imus: vec!["head".into(), "foot".into()],
             bodies: vec![body("ball", 1), body("block", 2)],
+            states: vec![StateInfo { name: "arm".into(), values: vec!["shoulder".into(), "elbow".into()] }],
         };
         let mut state = 3_u64;
         let mut random = || {
@@ -482,6 +490,7 @@ mod tests {
             let mut vector = || [random(), random(), random()];
             let pose = PoseSample { t_us, position: vector(), rotation: [0.0, 0.0, 0.0, 1.0] };
             writer.write_pose(0, &pose).unwrap();
+            writer.write_state(0, &[t_us], &vector()[..2]).unwrap();
             let mut sample = || ImuSample { t_us, accelerometer: vector(), gyroscope: vector() };
             writer.write_imu(0, &[sample()]).unwrap();
             if k < 400 {
@@ -631,6 +640,7 @@ mod tests {
             ("cam/labels/depth", 3, "rows 3 to 3 of cam/labels/depth (between 200000 and 400000 us)"),
             ("imus/head/gyroscope", 1, "rows 1024 to 2047 of imus/head (between 1023000 and 2048000 us)"),
             ("imus/foot/accelerometer", 0, "rows 0 to 399 of imus/foot"),
+            ("states/arm/values", 1, "rows 1024 to 2047 of states/arm (between 1023000 and 2048000 us)"),
             ("bodies/angular_velocity", 1, "rows 1024 to 2047 of bodies (between 1023000 and 2048000 us)"),
             ("bodies/t_us", 2, "rows 2048 to 2499 of bodies"),
         ];
@@ -652,11 +662,11 @@ mod tests {
 
         // All at once.
         let mut damaged = whole;
-        for (column, chunk, _) in &cases[..5] {
+        for (column, chunk, _) in &cases[..6] {
             damaged[place(&path, column, *chunk)].fill(0);
         }
         std::fs::write(&path, &damaged).unwrap();
-        assert_eq!(repair(&path).unwrap().rows_dropped, 3 * 1024 + 400 + 1);
+        assert_eq!(repair(&path).unwrap().rows_dropped, 4 * 1024 + 400 + 1);
         let recording = Recording::open(&path).unwrap();
         assert!(recording.events(0).unwrap() == events);
         assert_eq!(recording.poses(0).unwrap(), [&poses[..1024], &poses[2048..]].concat());
