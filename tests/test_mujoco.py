@@ -133,6 +133,44 @@ TENDONS = f"""
 </mujoco>
 """
 
+LEG = """
+      <body name="{name} thigh" pos="{x} {y} 0">
+        <joint name="{name} hip" axis="0 1 0" range="-60 60"/>
+        <geom type="capsule" fromto="0 0 0 {back} {out} -0.2" size="0.035" rgba="0.8 0.5 0.2 1"/>
+        <body name="{name} shank" pos="{back} {out} -0.2">
+          <joint name="{name} knee" axis="0 1 0" range="-90 90"/>
+          <geom type="capsule" fromto="0 0 0 {front} 0 -0.2" size="0.025" rgba="0.3 0.3 0.8 1"/>
+          <geom type="sphere" pos="{front} 0 -0.2" size="0.03" rgba="0.1 0.1 0.1 1"/>
+        </body>
+      </body>"""
+
+LEGS = "".join(
+    LEG.format(name=f"{end} {side}", x=x, y=y, out=y / 5, back=-0.08, front=0.1)
+    for end, x in (("front", 0.25), ("hind", -0.25))
+    for side, y in (("left", 0.12), ("right", -0.12))
+)
+
+QUADRUPED = f"""
+<mujoco>
+  {VIEW}
+  <statistic center="0 0 0.3" extent="1.5"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <asset><hfield name="hills" nrow="12" ncol="14" size="1.2 1 0.12 0.05"/></asset>
+  <worldbody>
+    <light pos="0 0 3" dir="0.2 0.1 -1" directional="true"/>
+    <camera name="look" pos="0.5 -1.9 0.9" xyaxes="1 0.25 0 -0.05 0.25 1"/>
+    <geom name="ground" type="hfield" hfield="hills" rgba="0.4 0.5 0.3 1"/>
+    <body name="torso" pos="0 0 0.5">
+      <freejoint/>
+      <geom name="torso" type="capsule" fromto="-0.28 0 0 0.28 0 0" size="0.09" rgba="0.7 0.7 0.7 1"/>
+      <geom name="head" type="capsule" fromto="0.33 0 0.08 0.45 0 0.1" size="0.05" rgba="0.9 0.3 0.2 1"/>
+      <camera name="eye" pos="1.1 0.1 0.2" xyaxes="0 1 0 -0.2 0 1"/>
+      {LEGS}
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
 
 def model_of(name: str):
     if name == "skydio":
@@ -145,7 +183,8 @@ def model_of(name: str):
         model = mujoco.MjModel.from_xml_path(str(path))
         model.vis.quality.offsamples = 0
         return model
-    model = mujoco.MjModel.from_xml_string({"everything": EVERYTHING, "arm": ARM, "tendons": TENDONS}[name])
+    texts = {"everything": EVERYTHING, "arm": ARM, "tendons": TENDONS, "quadruped": QUADRUPED}
+    model = mujoco.MjModel.from_xml_string(texts[name])
     # MuJoCo 3.1 has no heights in the file.
     model.hfield_data[:] = np.random.default_rng(5).random(len(model.hfield_data))
     return model
@@ -214,7 +253,15 @@ def agree(own: tuple[np.ndarray, np.ndarray], depth, objects, far: float) -> tup
 
 @pytest.mark.parametrize(
     ("name", "camera"),
-    [("everything", 0), ("everything", 1), ("arm", 0), ("skydio", 0), ("tendons", 0)],
+    [
+        ("everything", 0),
+        ("everything", 1),
+        ("arm", 0),
+        ("skydio", 0),
+        ("tendons", 0),
+        ("quadruped", 0),
+        ("quadruped", 1),
+    ],
 )
 def test_depth_and_segmentation_are_mujocos_own(name: str, camera: int, device: evis.Device, tmp_path: Path):
     model = model_of(name)
@@ -705,6 +752,31 @@ def test_what_is_not_drawn_is_named_once():
     assert tendons == {"rope", "rod"}
     again = pickle.loads(pickle.dumps(scene))
     assert again.nodes == scene.nodes
+
+
+def test_flexes_skins_and_rangefinders_are_named_once():
+    text = """
+    <mujoco>
+      <worldbody>
+        <body name="ball"><joint/><geom size="0.1"/></body>
+        <site name="eye" pos="0 0 1"/>
+        <flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
+          pos="1 0 0"/>
+      </worldbody>
+      <deformable>
+        <skin name="coat" vertex="0 0 0  1 0 0  0 1 0" face="0 1 2">
+          <bone body="ball" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/>
+        </skin>
+      </deformable>
+      <sensor><rangefinder name="ray" site="eye"/><rangefinder site="eye"/><gyro site="eye"/></sensor>
+    </mujoco>
+    """
+    with pytest.warns(UserWarning, match="drawn") as found:
+        evis.mujoco.scene(mujoco.MjModel.from_xml_string(text))
+    assert sorted(str(warning.message) for warning in found) == [
+        "not drawn: flex 'cloth', skin 'coat'",
+        "rays of rangefinders are not drawn: sensor 'ray', sensor '1'",
+    ]
 
 
 def test_tendons_are_where_mujoco_draws_them_while_bodies_move(device: evis.Device, tmp_path: Path):
