@@ -369,15 +369,15 @@ class EventRenderer:
             self._pending[:] = False
             return
         self._elapsed_s = elapsed_s
+        poses = new.poses
         if not again:
-            # A reset environment rests where it was until it jumps.
-            poses, new.poses = new.poses, np.where(begun[:, None, None], last.poses, new.poses)
+            if begun.any():
+                # A reset environment rests where it was until it jumps.
+                new.poses = np.where(begun[:, None, None], last.poses, poses)
             self._seen.append(new)
-        else:
-            poses = new.poses
-            # Where nothing has been rendered, it begins with the newer state.
-            if other.any():
-                last.take(new, other)
+        elif other.any():
+            # Nothing has been rendered: it begins with the newer state.
+            last.take(new, other)
         if begun.any():
             self._jump(np.flatnonzero(begun), poses, new)
 
@@ -657,12 +657,12 @@ class EventRenderer:
         moved = _difference(last.poses, new.poses)
         bend = moved - self._moved
         self._moved = moved
-        asks = np.flatnonzero(new.followed & (bend.any(axis=(1, 2)) | ~had_moved))
+        # Of an environment that has just begun everything is asked for.
+        bent = (bend != 0).any(axis=-1) | ~had_moved[:, None]
+        asks = np.flatnonzero(new.followed & bent.any(axis=-1))
         if asks.size:
             focal = max(max(info.fx, info.fy) for info in self._simulator.cameras)
-            # Of an environment that has just begun everything is asked for.
-            bend[~had_moved] = 1.0
-            reach = self._kinematics.reach(new, asks, bend[asks], focal)
+            reach = self._kinematics.reach(new, asks, bent[asks], focal)
             far = (self._pixels(bend[asks], reach) / 8 > _TOLERANCE_PX) | ~had_moved[asks]
             if far.any():
                 self._between(last, new, asks[far], reach[far])
@@ -778,7 +778,7 @@ class EventRenderer:
         """How far, in pixels, differences of poses (K, N, 6) can be seen, at most, (K,)."""
         parts = off.reshape(*off.shape[:-1], 2, 3)
         far = reach * np.sqrt(np.einsum("knpi,knpi->knp", parts, parts))
-        return np.asarray(far.sum(axis=-1).max(axis=-1, initial=0.0))
+        return np.asarray((far[..., 0] + far[..., 1]).max(axis=-1, initial=0.0))
 
 
 class _Seen:
@@ -866,7 +866,8 @@ class _Kinematics:
         """World-from-node of every frame, (K, N, 7), and where cameras are, (K, V, 3), for K states."""
         model, data, count = self._model, self._data, len(qpos)
         bodies, lights, tendons = self._bodies, self._lights, self._tendons
-        own_qpos, xpos, xquat = data.qpos, data.xpos, data.xquat
+        own_qpos, xpos, xquat, cam_xpos = data.qpos, data.xpos, data.xquat, data.cam_xpos
+        light_xpos, light_xdir = data.light_xpos, data.light_xdir
         # What is gathered lies together; quaternions are MuJoCo's.
         found, turn = np.empty((count, self._count, 7)), np.ones((count, self._count, 4))
         body_place, body_turn = np.empty((count, bodies.size, 3)), np.empty((count, bodies.size, 4))
@@ -888,13 +889,13 @@ class _Kinematics:
             if shines:
                 mujoco.mj_camlight(model, data)
             if self._named:
-                data.cam_xpos.take(self._named_ids, 0, named[row], "clip")
+                cam_xpos.take(self._named_ids, 0, named[row], "clip")
             for i, index in zip(self._cameras, self._camera_ids, strict=True):
-                found[row, i, :3] = data.cam_xpos[index]
+                found[row, i, :3] = cam_xpos[index]
                 mujoco.mju_mat2Quat(turn[row, i], data.cam_xmat[index])
             if lights:
-                data.light_xpos.take(self._light_ids, 0, light_place[row], "clip")
-                data.light_xdir.take(self._light_ids, 0, light_way[row], "clip")
+                light_xpos.take(self._light_ids, 0, light_place[row], "clip")
+                light_xdir.take(self._light_ids, 0, light_way[row], "clip")
             if wraps:
                 mujoco.mj_tendon(model, data)
                 found[row, tendons, :3], ways[row] = _tendon_ends(data, self._parts)
@@ -919,14 +920,15 @@ class _Kinematics:
             eyes[:, self._views.index(-1)] = found[:, self.free[0], :3]
         return found, eyes
 
-    def reach(self, seen: _Seen, envs: Indices, bends: Array, focal: float) -> Array:
+    def reach(self, seen: _Seen, envs: Indices, bent: Flags, focal: float) -> Array:
         """Pixels per metre and per radian that an error of each frame makes, (K, N, 2), bounds from above.
 
-        `bends`, (K, N, 6): where they are zero for what carries a camera, that part is left out.
+        `bent`, (K, N): frames whose motion is not even. Where none of them carries a camera, what that would
+        add is left out.
         """
         near = self._model.vis.map.znear * self._model.stat.extent
         reach, found = np.zeros((2, len(envs), self._count, 2))
-        moves: list[Flags] = [np.asarray(bends[:, carries].any(axis=(1, 2))) for _, carries, _ in self._seers]
+        moves: list[Flags] = [np.asarray((bent & carries).any(axis=-1)) for _, carries, _ in self._seers]
         gathered = np.flatnonzero(np.array(moves).any(axis=0))
         geometry = self._geometry(seen, envs[gathered]) if gathered.size else None
         for place, ((afar, carries, apart), moved) in enumerate(zip(self._seers, moves, strict=True)):
