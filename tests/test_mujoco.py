@@ -588,7 +588,11 @@ def test_an_environment_that_diverges_is_held_and_its_neighbours_go_on(device: e
     assert (found[1]["t"] >= 16_000).sum() > 100
 
 
-def test_an_environment_that_mujoco_resets_itself_is_held(device: evis.Device):
+def test_an_environment_that_mujoco_resets_itself_is_held(
+    device: evis.Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    # MuJoCo writes its log to where it is.
+    monkeypatch.chdir(tmp_path)
     model = model_of("arm")
     states = [mujoco.MjData(model), mujoco.MjData(model)]
     renderer = renderer_of(model, device, camera="look", environments=2, height=48, width=64)
@@ -615,6 +619,40 @@ def test_an_environment_that_mujoco_resets_itself_is_held(device: evis.Device):
     with pytest.warns(UserWarning, match="environment 1 has diverged"):
         renderer.observe(states)
     assert renderer.held.tolist() == [False, True]
+    # Each environment warns once.
+    renderer.reset([1])
+    assert not renderer.held.any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        renderer.observe(states)
+    assert renderer.held.tolist() == [False, True]
+
+
+def test_environments_do_not_depend_on_each_other(device: evis.Device):
+    model = model_of("arm")
+    model.opt.timestep = 0.01
+    states = [mujoco.MjData(model) for _ in range(3)]
+    renderer = renderer_of(model, device, camera="look", environments=3, height=48, width=64)
+    alone = [renderer_of(model, device, camera="look", height=48, width=64) for _ in states]
+    for data, speed in zip(states, (0.5, 20.0, 0.4), strict=True):
+        data.qvel[:] = speed
+    divided = set()
+    for step in range(5):
+        if step == 3:
+            # No plain step: even motion.
+            states[2].qpos[0] += 0.1
+        renderer.observe(states)
+        for own, data in zip(alone, states, strict=True):
+            own.observe(data)
+            mujoco.mj_step(model, data)
+        if step > 1:
+            divided |= set(renderer._seen[-1].within)
+    # The fast one alone leaves the straight way.
+    assert divided == {1}
+    for events, own in zip(renderer.render(), alone, strict=True):
+        expected = own.render()
+        assert len(expected) > 20
+        assert np.array_equal(events.to_numpy(), expected.to_numpy())
 
 
 def test_a_free_camera_that_is_moved_adds_no_poses_within_steps(device: evis.Device):
@@ -761,7 +799,7 @@ def test_flexes_skins_and_rangefinders_are_named_once():
         <body name="ball"><joint/><geom size="0.1"/></body>
         <site name="eye" pos="0 0 1"/>
         <flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
-          pos="1 0 0"/>
+          pos="1 0 0"><edge equality="true"/></flexcomp>
       </worldbody>
       <deformable>
         <skin name="coat" vertex="0 0 0  1 0 0  0 1 0" face="0 1 2">
