@@ -5,6 +5,10 @@ one node for each instant. `poses` is Python's part of `Simulator.step`, from ar
 is what the engine does on the processor to prepare the work of its device (`Report.host_ms`), rendering left
 out; `rest` is the step without waiting for the device, less these; `rest, counts` the same where packets
 carry counts in the place of events.
+
+``--mujoco MODEL.xml`` measures `evis.mujoco.EventRenderer`, per environment and observed step, with every
+joint in motion: `observe` is the whole call, `MuJoCo` what its kinematics alone take for the same states, and
+`poses` what `render` takes to hand the poses to the engine. Time is the processor's, of this thread.
 """
 
 from __future__ import annotations
@@ -12,6 +16,7 @@ from __future__ import annotations
 import argparse
 import statistics
 import time
+import warnings
 
 import numpy as np
 
@@ -66,14 +71,69 @@ def measure(environments: int, dense: str | None = None) -> tuple[float, float, 
     )
 
 
+def measure_mujoco(path: str, environments: int) -> tuple[float, float, float]:
+    """Return microseconds per environment and observed step: observe, MuJoCo's kinematics, poses."""
+    import mujoco
+
+    import evis.mujoco
+
+    model = mujoco.MjModel.from_xml_path(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        renderer = evis.mujoco.EventRenderer(
+            model, 16, 16, environments=environments, rate_hz=RATE_HZ, samples=1, method="native"
+        )
+    states = []
+    for seed in range(environments):
+        data = mujoco.MjData(model)
+        if model.nkey:
+            mujoco.mj_resetDataKeyframe(model, data, 0)
+        data.qvel[:] = np.random.default_rng(seed).normal(size=model.nv)
+        mujoco.mj_forward(model, data)
+        states.append(data)
+    renderer.observe(states)
+    own = mujoco.MjData(model)
+    found: list[tuple[float, float, float]] = []
+    for _ in range(2 * STEPS):
+        for data in states:
+            mujoco.mj_step(model, data)
+        start = time.thread_time()
+        renderer.observe(states)
+        observed = time.thread_time() - start
+        start = time.thread_time()
+        for data in states:
+            own.qpos[:] = data.qpos
+            mujoco.mj_kinematics(model, own)
+            mujoco.mj_comPos(model, own)
+            mujoco.mj_camlight(model, own)
+        kinematics = time.thread_time() - start
+        start = time.thread_time()
+        renderer._rows(renderer._seen[-1].t_us, renderer._seen[-2].t_us)
+        found.append((observed, kinematics, time.thread_time() - start))
+        # What was rendered is let go of; here it must not grow.
+        while len(renderer._seen) > 2:
+            renderer._seen.popleft()
+    return tuple(  # type: ignore[return-value]
+        1e6 * statistics.median(column) / environments for column in zip(*found[5:], strict=True)
+    )
+
+
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("environments", nargs="*", type=int, default=[1, 8, 64, 256])
+    parser.add_argument("environments", nargs="*", type=int)
+    parser.add_argument("--mujoco", metavar="MODEL.xml")
+    arguments = parser.parse_args()
+    if arguments.mujoco is not None:
+        print("| environments | observe | MuJoCo | poses |\n|--:|--:|--:|--:|")
+        for environments in arguments.environments or [1, 8, 64]:
+            observe, kinematics, poses = measure_mujoco(arguments.mujoco, environments)
+            print(f"| {environments} | {observe:.1f} | {kinematics:.1f} | {poses:.1f} |", flush=True)
+        return
     print("| environments | poses | engine | rest | rest, counts |\n|--:|--:|--:|--:|--:|")
-    for environments in parser.parse_args().environments:
+    for environments in arguments.environments or [1, 8, 64, 256]:
         poses, engine, rest = measure(environments)
         *_, counted = measure(environments, "counts")
         print(f"| {environments} | {poses:.1f} | {engine:.1f} | {rest:.1f} | {counted:.1f} |", flush=True)

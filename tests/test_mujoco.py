@@ -133,6 +133,44 @@ TENDONS = f"""
 </mujoco>
 """
 
+LEG = """
+      <body name="{name} thigh" pos="{x} {y} 0">
+        <joint name="{name} hip" axis="0 1 0" range="-60 60"/>
+        <geom type="capsule" fromto="0 0 0 {back} {out} -0.2" size="0.035" rgba="0.8 0.5 0.2 1"/>
+        <body name="{name} shank" pos="{back} {out} -0.2">
+          <joint name="{name} knee" axis="0 1 0" range="-90 90"/>
+          <geom type="capsule" fromto="0 0 0 {front} 0 -0.2" size="0.025" rgba="0.3 0.3 0.8 1"/>
+          <geom type="sphere" pos="{front} 0 -0.2" size="0.03" rgba="0.1 0.1 0.1 1"/>
+        </body>
+      </body>"""
+
+LEGS = "".join(
+    LEG.format(name=f"{end} {side}", x=x, y=y, out=y / 5, back=-0.08, front=0.1)
+    for end, x in (("front", 0.25), ("hind", -0.25))
+    for side, y in (("left", 0.12), ("right", -0.12))
+)
+
+QUADRUPED = f"""
+<mujoco>
+  {VIEW}
+  <statistic center="0 0 0.3" extent="1.5"/>
+  <option timestep="0.002" integrator="implicitfast"/>
+  <asset><hfield name="hills" nrow="12" ncol="14" size="1.2 1 0.12 0.05"/></asset>
+  <worldbody>
+    <light pos="0 0 3" dir="0.2 0.1 -1" directional="true"/>
+    <camera name="look" pos="0.5 -1.9 0.9" xyaxes="1 0.25 0 -0.05 0.25 1"/>
+    <geom name="ground" type="hfield" hfield="hills" rgba="0.4 0.5 0.3 1"/>
+    <body name="torso" pos="0 0 0.5">
+      <freejoint/>
+      <geom name="torso" type="capsule" fromto="-0.28 0 0 0.28 0 0" size="0.09" rgba="0.7 0.7 0.7 1"/>
+      <geom name="head" type="capsule" fromto="0.33 0 0.08 0.45 0 0.1" size="0.05" rgba="0.9 0.3 0.2 1"/>
+      <camera name="eye" pos="1.1 0.1 0.2" xyaxes="0 1 0 -0.2 0 1"/>
+      {LEGS}
+    </body>
+  </worldbody>
+</mujoco>
+"""
+
 
 def model_of(name: str):
     if name == "skydio":
@@ -145,7 +183,8 @@ def model_of(name: str):
         model = mujoco.MjModel.from_xml_path(str(path))
         model.vis.quality.offsamples = 0
         return model
-    model = mujoco.MjModel.from_xml_string({"everything": EVERYTHING, "arm": ARM, "tendons": TENDONS}[name])
+    texts = {"everything": EVERYTHING, "arm": ARM, "tendons": TENDONS, "quadruped": QUADRUPED}
+    model = mujoco.MjModel.from_xml_string(texts[name])
     # MuJoCo 3.1 has no heights in the file.
     model.hfield_data[:] = np.random.default_rng(5).random(len(model.hfield_data))
     return model
@@ -214,7 +253,15 @@ def agree(own: tuple[np.ndarray, np.ndarray], depth, objects, far: float) -> tup
 
 @pytest.mark.parametrize(
     ("name", "camera"),
-    [("everything", 0), ("everything", 1), ("arm", 0), ("skydio", 0), ("tendons", 0)],
+    [
+        ("everything", 0),
+        ("everything", 1),
+        ("arm", 0),
+        ("skydio", 0),
+        ("tendons", 0),
+        ("quadruped", 0),
+        ("quadruped", 1),
+    ],
 )
 def test_depth_and_segmentation_are_mujocos_own(name: str, camera: int, device: evis.Device, tmp_path: Path):
     model = model_of(name)
@@ -296,15 +343,14 @@ def test_poses_within_steps_end_where_the_integrator_does(integrator: str, devic
     halved = 0
     for _ in range(8):
         mujoco.mj_step(model, data)
-        before = len(renderer._knots)
         renderer.observe(data)
-        last = renderer._knots[-1]
-        halved += len(renderer._knots) - before - 1
-        assert last.path is not None
-        end = renderer._at(last.path, last.t_us)
+        before, last = list(renderer._seen)[-2:]
+        halved += len(last.within.get(0, []))
+        assert last.followed.all()
+        end = renderer._at(before, last, np.zeros(1, np.int64), np.array([last.t_us]))
         assert np.abs(end - last.poses).max() < 1e-12
         body = renderer._frames[1]
-        assert np.allclose(last.poses[0, 1, :3], renderer._data[0].xpos[body.index])
+        assert np.allclose(last.poses[0, 1, :3], renderer._kinematics._data.xpos[body.index])
     # So fast an arm leaves the straight way by more than 0.05 px; a slow one does not.
     assert halved > 0
     data.qvel[:] = [0.1, 0.1, -0.1]
@@ -315,7 +361,8 @@ def test_poses_within_steps_end_where_the_integrator_does(integrator: str, devic
     for _ in range(4):
         mujoco.mj_step(model, data)
         slow.observe(data)
-    assert len(slow._knots) == 5
+    assert len(slow._seen) == 5
+    assert not any(seen.within for seen in slow._seen)
 
 
 def test_runge_kutta_is_interpolated(device: evis.Device):
@@ -327,8 +374,9 @@ def test_runge_kutta_is_interpolated(device: evis.Device):
     renderer.observe(data)
     mujoco.mj_step(model, data)
     renderer.observe(data)
-    assert len(renderer._knots) == 2
-    assert renderer._knots[-1].path is None
+    assert len(renderer._seen) == 2
+    assert not renderer._seen[-1].followed.any()
+    assert not renderer._seen[-1].within
 
 
 def test_events_come_since_the_last_render(device: evis.Device):
@@ -388,6 +436,261 @@ def test_several_cameras_and_environments(device: evis.Device):
         renderer.observe([one, two])
 
 
+def batch_of(
+    device: evis.Device,
+    steps: int,
+    *,
+    reset: dict[int, list[int]],
+    broken: dict[int, int] | None = None,
+    **more,
+):
+    """Run arms that swing at speeds of their own; `reset` and `broken`: environments by step."""
+    model = model_of("arm")
+    states = [mujoco.MjData(model) for _ in range(3)]
+    renderer = renderer_of(
+        model, device, camera=["look", "wrist"], environments=3, height=48, width=64, **more
+    )
+    for k, data in enumerate(states):
+        data.qvel[:] = [4 + 3 * k, 2, -3]
+    renderer.observe(states)
+    found: list[dict[str, list[np.ndarray]]] = [{"look": [], "wrist": []} for _ in states]
+    for step in range(1, steps + 1):
+        begun = reset.get(step, [])
+        for environment in begun:
+            mujoco.mj_resetData(model, states[environment])
+            states[environment].qpos[:] = [1.0, -0.5, 0.7]
+            # Begins in motion, to see that it is followed.
+            states[environment].qvel[:] = [-6, 1, 0]
+        if begun:
+            renderer.reset(begun)
+        for environment, data in enumerate(states):
+            if broken and broken.get(environment) == step:
+                data.qpos[0] = np.nan
+                data.time += model.opt.timestep
+            elif environment not in begun and np.isfinite(data.qpos).all():
+                mujoco.mj_step(model, data)
+        renderer.observe(states)
+        if step % 3 == 0:
+            renderer.render()
+            for environment, of in enumerate(found):
+                for name, own in of.items():
+                    own += [packet[environment][name].events.to_numpy() for packet in renderer.packets]
+    return renderer, [np.concatenate([*of["look"], *of["wrist"]]) for of in found]
+
+
+def test_one_environment_begins_again_without_firing_and_neighbours_do_not_change(device: evis.Device):
+    _, alone = batch_of(device, 12, reset={})
+    renderer, found = batch_of(device, 12, reset={7: [0]})
+    # Its clock was set back; the stream's goes on.
+    assert renderer.packet.end_us == 24_000
+    for environment in (1, 2):
+        assert len(alone[environment]) > 500
+        assert np.array_equal(found[environment], alone[environment])
+    # Up to the reset it is the same; then nothing fires by the jump, and its motion does.
+    before = found[0]["t"] < 12_000
+    assert np.array_equal(found[0][before], alone[0][alone[0]["t"] < 12_000])
+    assert not ((found[0]["t"] >= 12_000) & (found[0]["t"] < 14_000)).any()
+    assert (found[0]["t"] >= 14_000).sum() > 100
+    # Canary: without reset the jump fires, in one step.
+    model = model_of("arm")
+    data, other = mujoco.MjData(model), mujoco.MjData(model)
+    jumps = renderer_of(model, device, camera="look", environments=2, height=48, width=64)
+    jumps.observe([data, other])
+    data.qpos[:] = [1.0, -0.5, 0.7]
+    data.time = other.time = 0.002
+    jumps.observe([data, other])
+    assert len(jumps.render()[0]) > 500
+
+
+def test_an_episode_after_a_reset_is_that_of_a_renderer_of_its_own(device: evis.Device):
+    _, found = batch_of(device, 12, reset={6: [0, 2]})
+    model = model_of("arm")
+    data = mujoco.MjData(model)
+    data.qpos[:], data.qvel[:] = [1.0, -0.5, 0.7], [-6, 1, 0]
+    alone = renderer_of(model, device, camera=["look", "wrist"], height=48, width=64)
+    alone.observe(data)
+    run(alone, model, data, 3, every=3)
+    events = np.concatenate([alone.packet[name].events.to_numpy() for name in ("look", "wrist")])
+    assert len(events) > 500
+    for environment in (0, 2):
+        own = found[environment]
+        own = own[(own["t"] >= 12_000) & (own["t"] < 18_000)].copy()
+        own["t"] -= 12_000
+        assert np.array_equal(own, events)
+
+
+def test_resets_within_portions_and_of_all(device: evis.Device):
+    # Portions of 8 ms, of which the reset at 14 ms leaves 6 unrendered.
+    _, alone = batch_of(device, 12, reset={}, pose_step_us=8000)
+    _, found = batch_of(device, 12, reset={7: [1], 9: [1]}, pose_step_us=8000)
+    for environment in (0, 2):
+        assert np.array_equal(found[environment], alone[environment])
+    renderer, _ = batch_of(device, 12, reset={7: [0, 1, 2]})
+    # Nobody knows how much time has passed at the reset: the stream stands for that step.
+    assert renderer.packet.end_us == 22_000
+    # Before anything was rendered it begins there.
+    model = model_of("arm")
+    data = mujoco.MjData(model)
+    one = renderer_of(model, device, camera="look", height=48, width=64)
+    one.observe(data)
+    data.qpos[0], data.time = 1.0, 7.5
+    one.reset([0])
+    one.observe(data)
+    assert len(one.render()) == 0
+    for _ in range(3):
+        mujoco.mj_step(model, data)
+        one.observe(data)
+    assert len(one.render()) == 0
+    assert one.packet.end_us == 6000
+    assert len(one.packets) == 1
+
+
+def test_resets_name_environments_that_are_there_once(device: evis.Device):
+    model = model_of("arm")
+    renderer = renderer_of(model, device, camera="look", environments=2, height=48, width=64)
+    for ids, message in (
+        ([2], "env_ids is 2; it must be between 0 and 1"),
+        (-1, "env_ids is -1"),
+        ([1, 1], "environment 1 twice"),
+        (True, "whole number"),
+        ([0.0], "whole number"),
+        ("01", "sequence"),
+        (1.5, "sequence"),
+    ):
+        with pytest.raises(evis.ConfigError, match=message):
+            renderer.reset(ids)
+    assert not renderer._pending.any()
+    for ids in ([], np.array([1]), np.int64(0), (0, 1)):
+        renderer.reset(ids)
+    assert renderer._pending.all()
+
+
+def test_an_environment_that_diverges_is_held_and_its_neighbours_go_on(device: evis.Device):
+    _, alone = batch_of(device, 12, reset={})
+    with pytest.warns(UserWarning, match=r"environment 1 has diverged.*reset\(\[1\]\)") as warned:
+        renderer, found = batch_of(device, 12, reset={}, broken={1: 5})
+    assert sum("diverged" in str(warning.message) for warning in warned) == 1
+    assert renderer.held.tolist() == [False, True, False]
+    with pytest.raises(ValueError, match="read-only"):
+        renderer.held[0] = True
+    for environment in (0, 2):
+        assert np.array_equal(found[environment], alone[environment])
+    before = alone[1][alone[1]["t"] < 8000]
+    assert np.array_equal(found[1], before)
+    assert 100 < len(before) < len(alone[1])
+    # It goes on in a new episode.
+    with pytest.warns(UserWarning, match="diverged"):
+        renderer, found = batch_of(device, 12, reset={8: [1]}, broken={1: 5})
+    assert not renderer.held.any()
+    for environment in (0, 2):
+        assert np.array_equal(found[environment], alone[environment])
+    assert not ((found[1]["t"] >= 8000) & (found[1]["t"] < 16_000)).any()
+    assert (found[1]["t"] >= 16_000).sum() > 100
+
+
+def test_an_environment_that_mujoco_resets_itself_is_held(
+    device: evis.Device, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    # MuJoCo writes its log to where it is.
+    monkeypatch.chdir(tmp_path)
+    model = model_of("arm")
+    states = [mujoco.MjData(model), mujoco.MjData(model)]
+    renderer = renderer_of(model, device, camera="look", environments=2, height=48, width=64)
+    renderer.observe(states)
+    for step in range(6):
+        if step == 3:
+            states[0].qpos[0] = np.nan
+        for data in states:
+            mujoco.mj_step(model, data)
+        assert np.isfinite(states[0].qpos).all()
+        if step == 3:
+            with pytest.warns(UserWarning, match="environment 0 has diverged"):
+                renderer.observe(states)
+        else:
+            renderer.observe(states)
+    assert renderer.held.tolist() == [True, False]
+    assert [len(events) for events in renderer.render()] == [0, 0]
+    assert renderer.packet.end_us == 12_000
+    # From the first state on.
+    states[1].qpos[0] = np.inf
+    states[1].time = 0.0
+    mujoco.mj_resetData(model, states[0])
+    renderer.reset()
+    with pytest.warns(UserWarning, match="environment 1 has diverged"):
+        renderer.observe(states)
+    assert renderer.held.tolist() == [False, True]
+    # Each environment warns once.
+    renderer.reset([1])
+    assert not renderer.held.any()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        renderer.observe(states)
+    assert renderer.held.tolist() == [False, True]
+
+
+def test_environments_do_not_depend_on_each_other(device: evis.Device):
+    model = model_of("arm")
+    model.opt.timestep = 0.01
+    states = [mujoco.MjData(model) for _ in range(3)]
+    renderer = renderer_of(model, device, camera="look", environments=3, height=48, width=64)
+    alone = [renderer_of(model, device, camera="look", height=48, width=64) for _ in states]
+    for data, speed in zip(states, (0.5, 20.0, 0.4), strict=True):
+        data.qvel[:] = speed
+    divided = set()
+    for step in range(5):
+        if step == 3:
+            # No plain step: even motion.
+            states[2].qpos[0] += 0.1
+        renderer.observe(states)
+        for own, data in zip(alone, states, strict=True):
+            own.observe(data)
+            mujoco.mj_step(model, data)
+        if step > 1:
+            divided |= set(renderer._seen[-1].within)
+    # The fast one alone leaves the straight way.
+    assert divided == {1}
+    for events, own in zip(renderer.render(), alone, strict=True):
+        expected = own.render()
+        assert len(expected) > 20
+        assert np.array_equal(events.to_numpy(), expected.to_numpy())
+
+
+def test_a_free_camera_that_is_moved_adds_no_poses_within_steps(device: evis.Device):
+    model = model_of("arm")
+    data = mujoco.MjData(model)
+    data.qvel[:] = 0.01
+    camera = mujoco.MjvCamera()
+    mujoco.mjv_defaultFreeCamera(model, camera)
+    camera.azimuth += 40
+    renderer = renderer_of(model, device, camera=camera, height=48, width=64)
+    renderer.update_scene(data, camera)
+    for _ in range(3):
+        mujoco.mj_step(model, data)
+        renderer.update_scene(data, camera)
+    assert not any(seen.within for seen in renderer._seen)
+
+
+def test_rotations_and_what_lies_between_poses():
+    rng = np.random.default_rng(0)
+    first, last = (rng.normal(size=(5, 3, 7)) for _ in range(2))
+    for poses in (first, last):
+        poses[..., 3:] /= np.linalg.norm(poses[..., 3:], axis=-1, keepdims=True)
+    whole = evis.mujoco._difference(first, last)
+    assert np.allclose(evis.mujoco._interpolated(first, last, 0.0), first)
+    end = evis.mujoco._interpolated(first, last, 1.0)
+    assert np.allclose(np.abs((end[..., 3:] * last[..., 3:]).sum(axis=-1)), 1)
+    assert np.allclose(
+        evis.mujoco._difference(first, evis.mujoco._interpolated(first, last, 0.25)), 0.25 * whole
+    )
+    for a, b, turn in zip(first.reshape(-1, 7), last.reshape(-1, 7), whole.reshape(-1, 6), strict=True):
+        own = np.empty(3)
+        # MuJoCo's difference is in the first one's own axes.
+        mujoco.mju_subQuat(own, b[[6, 3, 4, 5]], a[[6, 3, 4, 5]])
+        world = np.empty(3)
+        mujoco.mju_rotVecQuat(world, own, a[[6, 3, 4, 5]])
+        assert np.allclose(world, turn[3:])
+
+
 def test_a_free_camera_moves_with_update_scene(device: evis.Device):
     model = model_of("arm")
     data = mujoco.MjData(model)
@@ -410,6 +713,9 @@ def test_bad_input(device: evis.Device):
         ([], "camera is empty"),
         (["look", 0], "twice"),
         (1.5j, "must be a name"),
+        (1.5, "camera is 1.5; it must be a name"),
+        (True, "camera is True; it must be a name"),
+        (np.bool_(True), "must be a name"),
     ):
         with pytest.raises(evis.ConfigError, match=message):
             evis.mujoco.EventRenderer(model, camera=camera)
@@ -441,6 +747,8 @@ def test_bad_input(device: evis.Device):
         renderer.observe(data)
     with pytest.raises(evis.ConfigError, match="does not have"):
         renderer.update_scene(data, "wrist")
+    with pytest.raises(evis.ConfigError, match="must be a name"):
+        renderer.update_scene(data, False)
     # It goes on after each of them, and from the start after reset.
     data.time = 0.004
     renderer.observe(data)
@@ -482,6 +790,31 @@ def test_what_is_not_drawn_is_named_once():
     assert tendons == {"rope", "rod"}
     again = pickle.loads(pickle.dumps(scene))
     assert again.nodes == scene.nodes
+
+
+def test_flexes_skins_and_rangefinders_are_named_once():
+    text = """
+    <mujoco>
+      <worldbody>
+        <body name="ball"><joint/><geom size="0.1"/></body>
+        <site name="eye" pos="0 0 1"/>
+        <flexcomp name="cloth" type="grid" count="3 3 1" spacing="0.1 0.1 0.1" dim="2" radius="0.01"
+          pos="1 0 0"><edge equality="true"/></flexcomp>
+      </worldbody>
+      <deformable>
+        <skin name="coat" vertex="0 0 0  1 0 0  0 1 0" face="0 1 2">
+          <bone body="ball" bindpos="0 0 0" bindquat="1 0 0 0" vertid="0 1 2" vertweight="1 1 1"/>
+        </skin>
+      </deformable>
+      <sensor><rangefinder name="ray" site="eye"/><rangefinder site="eye"/><gyro site="eye"/></sensor>
+    </mujoco>
+    """
+    with pytest.warns(UserWarning, match="drawn") as found:
+        evis.mujoco.scene(mujoco.MjModel.from_xml_string(text))
+    assert sorted(str(warning.message) for warning in found) == [
+        "not drawn: flex 'cloth', skin 'coat'",
+        "rays of rangefinders are not drawn: sensor 'ray', sensor '1'",
+    ]
 
 
 def test_tendons_are_where_mujoco_draws_them_while_bodies_move(device: evis.Device, tmp_path: Path):

@@ -225,6 +225,25 @@ def test_matrices_are_the_poses_they_hold():
     assert np.allclose(same, 1.0)
 
 
+def test_a_matrix_that_is_not_rigid_names_its_environment():
+    three = np.tile(np.eye(4), (3, 1, 1))
+    three[1, 0, 0] = np.nan
+    for matrices, times, whose in (
+        (three, None, "holds a matrix for environment 1 that is not rigid"),
+        (three[:, None], [10], "for environment 1 that"),
+        (np.tile(three[:, None], (1, 2, 1, 1)), [5, 10], "for environment 1 that"),
+        # Three times of every environment.
+        (three, [5, 8, 10], "holds a matrix that"),
+        (three[1], None, "holds a matrix that"),
+    ):
+        with pytest.raises(evis.ConfigError, match=whose):
+            _poses.node_poses(["n"], 3, 10, {"n": matrices}, times, None)
+    with pytest.raises(evis.ConfigError, match="for environment 7 that"):
+        _poses.node_jumps(["n"], [4, 7, 9], {"n": three})
+    with pytest.raises(evis.ConfigError, match="holds a matrix that"):
+        _poses.node_jumps(["n"], [7], {"n": three[1:2]})
+
+
 @pytest.mark.parametrize(
     ("poses", "more", "message"),
     [

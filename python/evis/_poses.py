@@ -50,7 +50,8 @@ def node_poses(
     for name, value in poses.items():
         node = _index(names, name, "poses")
         size = (environments, len(times))
-        values = _spread(f"poses[{name!r}]", _as_seven(name, value), size, times_us is None)
+        seven = _as_seven(name, value, range(environments), times_us is None)
+        values = _spread(f"poses[{name!r}]", seven, size, times_us is None)
         linear, angular = (
             _speeds(f"{argument}[{name!r}]", of[name], size, times_us is None) if name in of else None
             for argument, of in given.items()
@@ -225,7 +226,7 @@ def node_jumps(
     for name, value in poses.items():
         node = _index(names, name, "poses")
         size = (len(environments), 1)
-        values = _spread(f"poses[{name!r}]", _as_seven(name, value), size, True)
+        values = _spread(f"poses[{name!r}]", _as_seven(name, value, environments, True), size, True)
         found += [(e, node, values[row, 0].tolist()) for row, e in enumerate(environments)]
     return found
 
@@ -264,24 +265,38 @@ def _numbers(what: str, value: ArrayLike) -> NDArray[np.float64]:
         raise ConfigError(f"{what} is no array of numbers: {error}") from None
 
 
-def _as_seven(name: str, value: ArrayLike) -> NDArray[np.float64]:
+def _as_seven(name: str, value: ArrayLike, environments: Sequence[int], at_end: bool) -> NDArray[np.float64]:
+    """Poses of seven numbers, of these environments; `at_end` without times."""
     array = _numbers(f"poses[{name!r}]", value)
     if array.ndim >= 2 and array.shape[-2:] == (4, 4):
-        return _from_matrices(name, array)
+        per_environment = array.ndim == 4 or (array.ndim == 3 and at_end)
+        each = per_environment and array.shape[0] == len(environments) > 1
+        return _from_matrices(name, array, environments if each else None)
     if array.ndim < 1 or array.shape[-1] != 7:
         raise ConfigError(f"poses[{name!r}] has the shape {array.shape}; give {_SHAPES}")
     return array
 
 
-def _from_matrices(name: str, matrices: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Position and quaternion (x, y, z, w) of rigid transforms, by Shepperd's method."""
+def _from_matrices(
+    name: str, matrices: NDArray[np.float64], environments: Sequence[int] | None = None
+) -> NDArray[np.float64]:
+    """Position and quaternion (x, y, z, w) of rigid transforms, by Shepperd's method.
+
+    `environments`: those of the first axis, where it is theirs.
+    """
     rotation = matrices[..., :3, :3]
-    off = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(initial=0.0)
-    last = np.abs(matrices[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(initial=0.0)
+    off = np.abs(rotation @ np.swapaxes(rotation, -1, -2) - np.eye(3)).max(axis=(-2, -1))
+    last = np.abs(matrices[..., 3, :] - [0.0, 0.0, 0.0, 1.0]).max(axis=-1)
     # A NaN is no rigid transform either.
-    if not (off < _RIGID and last < _RIGID and bool((np.linalg.det(rotation) > 0.0).all())):
+    with np.errstate(invalid="ignore"):
+        rigid = (off < _RIGID) & (last < _RIGID) & (np.linalg.det(rotation) > 0.0)
+    if not rigid.all():
+        whose = ""
+        if environments is not None:
+            first = int(np.flatnonzero(~rigid.reshape(len(environments), -1).all(axis=1))[0])
+            whose = f" for environment {environments[first]}"
         raise ConfigError(
-            f"poses[{name!r}] holds a matrix that is not rigid; give a rotation and a translation, "
+            f"poses[{name!r}] holds a matrix{whose} that is not rigid; give a rotation and a translation, "
             "and 0, 0, 0, 1 as the last row"
         )
     trace = np.trace(rotation, axis1=-2, axis2=-1)

@@ -19,6 +19,7 @@ from ._evis import ConfigError, EvisError
 from ._method import Method
 from ._packets import CameraInfo, Packet, packet_from
 from ._poses import (
+    NodePoses,
     lens_changes,
     light_changes,
     material_changes,
@@ -544,6 +545,10 @@ class Simulator:
         lit = light_changes(self._lit, range(self.environments), lights or {})
         raw = self._own_engine().step(until, given, seen, changes, lit)
         return self._packet(raw)
+
+    def _step_rows(self, until_us: int, rows: list[NodePoses]) -> Packet:
+        """Run to ``until_us``, with poses as the engine takes them: each node may have times of its own."""
+        return self._packet(self._own_engine().step(until_us, rows, [], [], []))
 
     def _packet(self, raw: _evis.Packet) -> Packet:
         """Return a packet; the first one with light that was clipped warns."""

@@ -32,6 +32,7 @@ from ._events import EventArray, EventCD
 from ._evis import ConfigError, srgb_table
 from ._glb import Glb
 from ._packets import CameraInfo, Packet
+from ._poses import NodePoses
 from ._scene import EventCamera, Scene
 from ._sensor import Sensor
 from ._shapes import Triangles
@@ -41,6 +42,8 @@ from .motion import Placement
 __all__ = ["EventRenderer", "scene"]
 
 Array: TypeAlias = npt.NDArray[np.float64]
+Flags: TypeAlias = npt.NDArray[np.bool_]
+Indices: TypeAlias = npt.NDArray[np.int64]
 CameraChoice: TypeAlias = Any
 """Name or index of a camera of the model, -1 for a free camera, or an ``mujoco.MjvCamera``."""
 
@@ -50,6 +53,8 @@ _TOLERANCE_PX = 0.05
 _MOST_HALVINGS = 6
 #: How far a step's end may be from what its velocity says (radians, metres): else it is no plain step.
 _SAME_STATE = 1e-7
+#: How far clocks of environments that go in step may be apart.
+_SAME_TIME_S = 1e-6
 #: The longest portion of events that renderers choose by themselves, in microseconds.
 _LONGEST_STEP_US = 20_000
 #: Largest alpha of what is left out; MuJoCo blends, the engine draws all or nothing.
@@ -61,6 +66,11 @@ _SKY_ROWS = 256
 
 _OBJECT = mujoco.mjtObj
 _GEOM = mujoco.mjtGeom
+_DIVERGED = (
+    int(mujoco.mjtWarning.mjWARN_BADQPOS),
+    int(mujoco.mjtWarning.mjWARN_BADQVEL),
+    int(mujoco.mjtWarning.mjWARN_BADQACC),
+)
 
 
 def _check_vectors() -> None:
@@ -214,18 +224,28 @@ class EventRenderer:
         }
         self._scene = made
         self._step_us = _check.whole("pose_step_us", step, 1)
-        self._data = [mujoco.MjData(model) for _ in range(self._count)]
+        self._kinematics = _Kinematics(model, reading, self._views, self._frames)
+        #: Shapes of poses and of eyes, per environment.
+        self._shapes = (len(self._frames), 7), (len(self._views), 3)
         self._shown = 0
         self._closed = False
         self._simulator = Simulator(made, **self._arguments)
         self._begin()
 
     def _begin(self) -> None:
-        self._start_s = math.nan
-        self._knots: deque[_Knot] = deque()
-        self._last: list[_State] = []
-        self._moved: Array | None = None
-        self._packet: Packet | None = None
+        count = self._count
+        self._seen: deque[_Seen] = deque()
+        #: What each environment's clock shows at stream time 0, in seconds; in which order they were set.
+        self._start_s, self._since = np.zeros(count), np.zeros(count, np.int64)
+        self._elapsed_s = 0.0
+        #: How each environment moved in its last step, (E, N, 6), where that is known.
+        self._moved, self._has_moved = np.zeros((count, len(self._frames), 6)), np.zeros(count, bool)
+        self._pending, self._held, self._warned = (np.zeros(count, bool) for _ in range(3))
+        #: The data that were observed last, and views of their arrays.
+        self._given: list[Any] = [None] * count
+        self._arrays: list[tuple[Array, Array, Array, Array]] = [(np.zeros(0),) * 4] * count
+        self._waiting: list[Packet] = []
+        self._packets: tuple[Packet, ...] = ()
 
     @property
     def model(self) -> Any:
@@ -270,46 +290,96 @@ class EventRenderer:
     def packet(self) -> Packet | None:
         """Everything that the last `render` made: all cameras and environments, labels and poses.
 
-        Its times count from the first observation. None before anything was rendered.
+        Its times count from the first observation. None before anything was rendered. Where environments were
+        reset in between, the last one of `packets`.
         """
-        return self._packet
+        return self._packets[-1] if self._packets else None
+
+    @property
+    def packets(self) -> tuple[Packet, ...]:
+        """What the last `render` made, in order: one packet, and one more per reset of environments."""
+        return self._packets
+
+    @property
+    def held(self) -> npt.NDArray[np.bool_]:
+        """Which environments rest at their last pose since a state was not finite, bool (E,), read-only.
+
+        ``reset([i])`` lets environment i go on.
+        """
+        held: Flags = self._held.copy()
+        held.flags.writeable = False
+        return held
 
     def observe(self, data: Any, *, camera: Any = None) -> None:
         """Take in a state: time, qpos, qvel and mocap poses are copied.
 
-        Call it after each ``mj_step``: between two states bodies move as the integrator moved them.
+        Call it after each ``mj_step``: between two states bodies move as the integrator moved them. The first
+        state after ``reset([i])`` begins the new episode of environment i; what was observed before is then
+        rendered up to the last whole portion.
+
+        One of several environments whose state is not finite, or which MuJoCo has reset by itself since it
+        diverged, stays at its last pose, with a warning: see `held`.
 
         Parameters
         ----------
         data : mujoco.MjData or sequence of these
-            One per environment, all at the same time.
+            One per environment. Their times go on by the same amount, but for environments that were reset.
         camera : mujoco.MjvCamera, optional
             Where the free camera is now.
 
         Raises
         ------
         ConfigError
-            If it is of another model, holds a value that is not finite, or its time lies before that of an
-            earlier one (`reset` begins again). Then nothing has changed.
+            If it is of another model, the one environment's state is not finite, its time lies before that of
+            an earlier one (`reset` begins again), or environments are not in step. Then nothing has changed.
+        DeviceError
+            If the device failed while environments were reset.
         """
         self._open()
-        states = [self._state(item) for item in self._each(data)]
-        times = {state.time for state in states}
-        if len(times) > 1:
-            raise ConfigError(f"data have the times {sorted(times)} s; environments must go in step")
+        items = self._each(data)
+        new = self._read(items)
         if self._free is not None and camera is None:
             camera = self._free
         if camera is not None and not isinstance(camera, mujoco.MjvCamera):
             raise ConfigError(f"camera is {_check.shown(camera)}; observe takes an mujoco.MjvCamera")
-        start_s = states[0].time if not self._last else self._start_s
-        t_us = round((states[0].time - start_s) * 1e6)
-        if self._last:
-            self._follow(states, t_us, camera)
+        bad = ~self._held & ~new.finite()
+        self._refuse_one(bad, new)
+        last = self._seen[-1] if self._seen else None
+        elapsed_s = self._agreed(items, new, bad)
+        new.t_us = round(elapsed_s * 1e6)
+        self._pose(new, last, bad, camera)
+        goes_on = ~(self._held | bad | self._pending)
+        begun = self._pending & ~bad
+        again = last is not None and new.t_us == last.t_us
+        other = np.zeros(self._count, bool)
+        if last is not None and again:
+            other = goes_on & (new.poses != last.poses).any(axis=(1, 2))
+            if other.any() and (len(self._seen) > 1 or self._simulator.now_us > 0):
+                raise ConfigError(
+                    f"data has another state at {new.time[other][0]} s than before; time must go on, or "
+                    "reset() begins a new stream"
+                )
+        elif last is not None:
+            self._follow(last, new, goes_on)
+        # Nothing is refused from here on.
+        self._hold(bad, new)
+        if last is None:
+            self._start_s[:] = new.time
+            self._seen.append(new)
+            self._pending[:] = False
             return
-        poses = self._poses(states, camera)
-        self._start_s = start_s
-        self._knots.append(_Knot(t_us, poses, None))
-        self._last = states
+        self._elapsed_s = elapsed_s
+        poses = new.poses
+        if not again:
+            if begun.any():
+                # A reset environment rests where it was until it jumps.
+                new.poses = np.where(begun[:, None, None], last.poses, poses)
+            self._seen.append(new)
+        elif other.any():
+            # Nothing has been rendered: it begins with the newer state.
+            last.take(new, other)
+        if begun.any():
+            self._jump(np.flatnonzero(begun), poses, new)
 
     def update_scene(self, data: Any, camera: CameraChoice = None) -> None:
         """Take in a state, as `observe`; `camera` is the one that `render` shows from now on.
@@ -359,30 +429,49 @@ class EventRenderer:
             If the device failed.
         """
         self._open()
-        now_us = self._simulator.now_us
-        until_us = 0 if not self._knots else self._knots[-1].t_us // self._step_us * self._step_us
-        if until_us <= now_us:
+        until_us = 0 if not self._seen else self._seen[-1].t_us // self._step_us * self._step_us
+        if until_us > self._simulator.now_us:
+            self._waiting.append(self._advance(until_us))
+        if not self._waiting:
             camera = self._simulator.cameras[self._shown]
             none = EventArray(np.zeros(0, EventCD), width=camera.width, height=camera.height)
             return none if self._count == 1 else [none] * self._count
-        times, poses = self._until(until_us, now_us)
-        given = {frame.name: poses[:, :, i] for i, frame in enumerate(self._frames)}
-        if given:
-            packet = self._simulator.step(until_us, given, pose_times_us=times)
-        else:
-            packet = self._simulator.step(until_us)
-        while len(self._knots) > 1 and self._knots[1].t_us <= until_us:
-            self._knots.popleft()
-        self._packet = packet
+        self._packets, self._waiting = tuple(self._waiting), []
         name = self._names[self._shown]
-        events = [environment[name].events for environment in packet]
+        events = [
+            _joined([packet[environment][name].events for packet in self._packets])
+            for environment in range(self._count)
+        ]
         return events[0] if self._count == 1 else events
 
-    def reset(self) -> None:
-        """Forget everything, the pixels' memory included; the next observation begins a new stream."""
+    def reset(self, env_ids: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None) -> None:
+        """Forget everything, or begin new episodes of some environments.
+
+        Without `env_ids` the next observation begins a new stream, at time 0, and the pixels' memory is gone.
+
+        With it, the stream goes on, and so do the other environments, whose events do not change by a byte.
+        The next `observe` takes the state of each of these as the first of an episode, whatever its time:
+        its pixels see it as at a stream's start, from the last whole portion (`pose_step_us`) on, and the
+        jump fires nothing. What it did since that portion gives no events. `held` lets go of it.
+
+        Parameters
+        ----------
+        env_ids : int or sequence of int, optional
+            Environments that ``mj_resetData`` or the like has set back; none of them where it is empty.
+
+        Raises
+        ------
+        ConfigError
+            If an environment does not exist or is named twice. Then nothing has changed.
+        """
         self._open()
-        self._simulator = Simulator(self._scene, **self._arguments)
-        self._begin()
+        if env_ids is None:
+            self._simulator = Simulator(self._scene, **self._arguments)
+            self._begin()
+            return
+        environments = self._environments(env_ids)
+        self._pending[environments] = True
+        self._held[environments] = False
 
     def close(self) -> None:
         """Let go of the device; a closed renderer takes nothing more. Closing twice does nothing."""
@@ -414,207 +503,484 @@ class EventRenderer:
             )
         return items
 
-    def _state(self, data: Any) -> _State:
-        if not isinstance(data, mujoco.MjData):
-            raise ConfigError(f"data is {_check.shown(data)}; it must be an mujoco.MjData")
-        model = self._model
-        state = _State(
-            float(data.time),
-            np.array(data.qpos),
-            np.array(data.qvel),
-            np.array(data.mocap_pos),
-            np.array(data.mocap_quat),
+    def _environments(self, env_ids: Any) -> list[int]:
+        alone = hasattr(env_ids, "__index__") and np.ndim(env_ids) == 0
+        given = [env_ids] if alone else _check.items("env_ids", env_ids, "[0, 1]")
+        found = [_check.whole("env_ids", each, 0, self._count - 1) for each in given]
+        if len(set(found)) < len(found):
+            twice = next(each for each in found if found.count(each) > 1)
+            raise ConfigError(f"env_ids names environment {twice} twice; each may be there once")
+        return found
+
+    def _read(self, items: list[Any]) -> _Seen:
+        """Copy the states."""
+        count, model = self._count, self._model
+        for environment, item in enumerate(items):
+            # Asking a model or data for an array takes longer than copying a small one.
+            if item is not self._given[environment]:
+                self._arrays[environment] = self._arrays_of(item)
+                self._given[environment] = item
+        mocap = np.empty((count, model.nmocap, 7))
+        if mocap.size:
+            for own, (_, _, position, rotation) in zip(mocap, self._arrays, strict=True):
+                own[:, :3], own[:, 3:] = position, rotation
+        return _Seen(
+            time=np.array([item.time for item in items], np.float64),
+            qpos=np.concatenate([arrays[0] for arrays in self._arrays]).reshape(count, -1),
+            qvel=np.concatenate([arrays[1] for arrays in self._arrays]).reshape(count, -1),
+            mocap=mocap,
         )
-        have = (state.qpos.size, state.qvel.size, state.mocap_pos.shape[0])
-        want = (model.nq, model.nv, model.nmocap)
+
+    def _arrays_of(self, item: Any) -> tuple[Array, Array, Array, Array]:
+        """Return views of what is read of an ``mjData``."""
+        if not isinstance(item, mujoco.MjData):
+            raise ConfigError(f"data is {_check.shown(item)}; it must be an mujoco.MjData")
+        model = self._model
+        arrays = item.qpos, item.qvel, item.mocap_pos, item.mocap_quat
+        have, want = (arrays[0].size, arrays[1].size, len(arrays[2])), (model.nq, model.nv, model.nmocap)
         if have != want:
             raise ConfigError(f"data has nq, nv, nmocap {have}, the model {want}; it is of another model")
-        values = (np.array([state.time]), state.qpos, state.qvel, state.mocap_pos, state.mocap_quat)
-        if not all(np.isfinite(value).all() for value in values):
+        return arrays
+
+    def _refuse_one(self, bad: Flags, new: _Seen) -> None:
+        """Refuse a bad state of a single environment; of several it is held."""
+        if self._count == 1 and bad.any():
             raise ConfigError(
-                f"data holds values that are not finite at {state.time} s: the simulation has diverged; "
+                f"data holds values that are not finite at {new.time[0]} s: the simulation has diverged; "
                 "give a good state, or reset() after mj_resetData"
             )
-        return state
 
-    def _follow(self, states: list[_State], t_us: int, camera: Any) -> None:
-        """Append the knots from the last state to these."""
-        last = self._knots[-1]
-        if t_us < last.t_us:
+    def _agreed(self, items: list[Any], new: _Seen, bad: Flags) -> float:
+        """Seconds since the stream began, as the environments agree; those that MuJoCo reset join `bad`."""
+        good = ~(self._held | bad | self._pending)
+        if not good.any():
+            # Nobody knows how much time has passed.
+            return self._elapsed_s
+        with np.errstate(invalid="ignore"):
+            since_s = new.time - self._start_s if self._seen else new.time
+            clock, apart = self._clock(since_s, good)
+        if apart.any():
+            # MuJoCo sets a state that has diverged back to its start by itself, and counts it.
+            diverged = np.array([_has_diverged(item) for item in items])
+            if (good & ~diverged).any():
+                clock, apart = self._clock(since_s, good & ~diverged)
+                bad |= good & diverged & (np.abs(since_s - since_s[clock]) > _SAME_TIME_S)
+        if apart.any():
+            other = int(np.flatnonzero(apart)[0])
             raise ConfigError(
-                f"data has the time {states[0].time} s, before the {self._last[0].time} s of the last one; "
-                "time cannot go back: reset() begins a new stream"
+                f"data have the times {sorted(set(new.time[good].tolist()))} s: environment {other} is "
+                f"{since_s[other] - since_s[clock]:+.6g} s off environment {clock}; environments must go in "
+                f"step, and reset([{other}]) begins a new episode of one"
             )
-        poses = self._poses(states, camera)
-        if t_us == last.t_us:
-            if np.array_equal(poses, last.poses):
-                return
-            if len(self._knots) > 1 or (self._packet is not None and t_us <= self._simulator.now_us):
-                raise ConfigError(
-                    f"data has another state at {states[0].time} s than before; time must go on, or reset() "
-                    "begins a new stream"
-                )
-            # Nothing has been rendered: it begins here.
-            self._knots[-1] = _Knot(t_us, poses, None)
-            self._last = states
+        elapsed_s = float(since_s[clock]) if self._seen else 0.0
+        if self._seen and round(elapsed_s * 1e6) < self._seen[-1].t_us:
+            raise ConfigError(
+                f"data has the time {new.time[clock]} s, before the {self._seen[-1].time[clock]} s of the "
+                "last one; time cannot go back: reset() begins a new stream"
+            )
+        return elapsed_s
+
+    def _clock(self, since_s: Array, good: Flags) -> tuple[int, Flags]:
+        """Whose clock counts, the one that was set first, and which of `good` are not in step with it."""
+        if self._count == 1:
+            return 0, np.zeros(1, bool)
+        chosen = np.flatnonzero(good)
+        clock = int(chosen[self._since[chosen].argmin()])
+        return clock, good & (np.abs(since_s - since_s[clock]) > _SAME_TIME_S)
+
+    def _pose(self, new: _Seen, last: _Seen | None, bad: Flags, camera: Any) -> None:
+        """Pose the environments; what cannot be posed joins `bad`, and stays where it was."""
+        moves = ~(self._held | bad)
+        if moves.all():
+            new.poses, new.eyes = self._kinematics.poses(new.qpos, new.mocap, camera)
+        else:
+            new.poses, new.eyes = (np.zeros((self._count, *shape)) for shape in self._shapes)
+            new.poses[moves], new.eyes[moves] = self._kinematics.poses(
+                new.qpos[moves], new.mocap[moves], camera
+            )
+        bad |= ~np.isfinite(new.poses.reshape(self._count, -1)).all(axis=1)
+        self._refuse_one(bad, new)
+        rests = self._held | bad
+        if rests.any():
+            new.take(self._initial(camera) if last is None else last, rests)
+
+    def _initial(self, camera: Any) -> _Seen:
+        """Where the scene has everything."""
+        data = self._reading.data
+        mocap = np.concatenate([data.mocap_pos, data.mocap_quat], axis=1)
+        qpos, qvel, mocap = (
+            np.repeat(each[None], self._count, axis=0) for each in (data.qpos, data.qvel, mocap)
+        )
+        seen = _Seen(time=np.zeros(self._count), qpos=qpos, qvel=qvel, mocap=mocap)
+        seen.poses, seen.eyes = self._kinematics.poses(qpos, mocap, camera)
+        return seen
+
+    def _hold(self, bad: Flags, new: _Seen) -> None:
+        """Hold environments at their last pose."""
+        if not bad.any():
             return
-        path = self._path(states, last.t_us, t_us)
-        knots = [_Knot(t_us, poses, path)]
-        moved = _difference(last.poses, poses)
-        if path is not None:
-            previous = self._moved
-            bend = math.inf if previous is None else float(np.abs(moved - previous).max(initial=0.0))
-            if bend > 0.0:
-                reach = self._reach(poses)
-                if previous is None or self._pixels(moved - previous, reach) / 8 > _TOLERANCE_PX:
-                    knots = [*self._between(last, knots[0], path, reach, _MOST_HALVINGS), *knots]
-        self._knots.extend(knots)
-        self._moved = moved
-        self._last = states
-
-    def _path(self, states: list[_State], from_us: int, to_us: int) -> _Path | None:
-        """How the integrator went from the last states to these; None where that is not known."""
-        model = self._model
-        seconds = states[0].time - self._last[0].time
-        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
-            return None
-        for old, new in zip(self._last, states, strict=True):
-            end = old.qpos.copy()
-            mujoco.mj_integratePos(model, end, new.qvel, seconds)
-            if np.abs(end - new.qpos).max(initial=0.0) > _SAME_STATE:
-                return None
-        return _Path(from_us, to_us, seconds, self._last, states)
-
-    def _at(self, path: _Path, t_us: int) -> Array:
-        """Poses on the way, as the integrator has them."""
-        share = (t_us - path.from_us) / (path.to_us - path.from_us)
-        states = []
-        for old, new in zip(path.old, path.new, strict=True):
-            qpos = old.qpos.copy()
-            mujoco.mj_integratePos(self._model, qpos, new.qvel, share * path.seconds)
-            mocap = _interpolated(
-                np.concatenate([old.mocap_pos, old.mocap_quat], axis=1),
-                np.concatenate([new.mocap_pos, new.mocap_quat], axis=1),
-                share,
+        self._held |= bad
+        self._pending &= ~bad
+        for environment in np.flatnonzero(bad & ~self._warned).tolist():
+            warnings.warn(
+                f"environment {environment} has diverged: its state at {new.t_us} us of the stream is not "
+                f"finite, or MuJoCo has reset it; it rests at its last pose until reset([{environment}])",
+                stacklevel=3,
             )
-            states.append(_State(new.time, qpos, new.qvel, mocap[:, :3], mocap[:, 3:]))
-        return self._poses(states, None)
+        self._warned |= bad
 
-    def _between(self, first: _Knot, last: _Knot, path: _Path, reach: Array, halvings: int) -> list[_Knot]:
-        """Knots between two, so many that what lies between runs as even motion has it, to 0.05 px."""
-        middle_us = (first.t_us + last.t_us) // 2
-        if middle_us <= first.t_us or halvings == 0:
-            return []
-        poses = self._at(path, middle_us)
-        share = (middle_us - first.t_us) / (last.t_us - first.t_us)
-        off = _difference(_interpolated(first.poses, last.poses, share), poses)
-        if self._pixels(off, reach) <= _TOLERANCE_PX:
-            return []
+    def _jump(self, begun: Indices, poses: Array, new: _Seen) -> None:
+        """Let reset environments jump to these poses, at the last whole portion."""
+        until_us = self._seen[-1].t_us // self._step_us * self._step_us
+        if until_us > self._simulator.now_us:
+            self._waiting.append(self._advance(until_us))
+        if self._simulator.now_us > 0 and begun.size:
+            jumps = {frame.name: poses[begun, i] for i, frame in enumerate(self._frames)}
+            self._simulator.reset(begun, poses=jumps or None)
+        for seen in self._seen:
+            seen.poses[begun] = poses[begun]
+            seen.followed[begun] = False
+            for environment in begun.tolist():
+                seen.within.pop(environment, None)
+        self._seen[-1].take(new, begun, but_poses=True)
+        self._start_s[begun] = new.time[begun] - self._elapsed_s
+        self._since[begun] = self._since.max() + 1
+        self._has_moved[begun] = False
+        self._pending[:] = False
+
+    def _follow(self, last: _Seen, new: _Seen, goes_on: Flags) -> None:
+        """Find out how environments came from the last states to these."""
+        new.followed = self._followed(last, new, goes_on)
+        had_moved, self._has_moved = self._has_moved, new.followed.copy()
+        if not new.followed.any():
+            return
+        moved = _difference(last.poses, new.poses)
+        bend = moved - self._moved
+        self._moved = moved
+        # Of an environment that has just begun everything is asked for.
+        bent = (bend != 0).any(axis=-1) | ~had_moved[:, None]
+        asks = np.flatnonzero(new.followed & bent.any(axis=-1))
+        if asks.size:
+            focal = max(max(info.fx, info.fy) for info in self._simulator.cameras)
+            reach = self._kinematics.reach(new, asks, bent[asks], focal)
+            far = (self._pixels(bend[asks], reach) / 8 > _TOLERANCE_PX) | ~had_moved[asks]
+            if far.any():
+                self._between(last, new, asks[far], reach[far])
+
+    def _followed(self, last: _Seen, new: _Seen, goes_on: Flags) -> Flags:
+        """Of which environments the integrator went from the last states to these as it moves positions."""
+        model = self._model
+        if model.opt.integrator == mujoco.mjtIntegrator.mjINT_RK4:
+            return np.zeros(self._count, bool)
+        ends, seconds = last.qpos.copy(), (new.time - last.time).tolist()
+        for environment in np.flatnonzero(goes_on).tolist():
+            mujoco.mj_integratePos(model, ends[environment], new.qvel[environment], seconds[environment])
+        off = np.abs(ends - new.qpos).max(axis=1, initial=0.0)
+        return np.asarray(goes_on & (off <= _SAME_STATE))
+
+    def _at(self, last: _Seen, new: _Seen, envs: Indices, t_us: Indices) -> Array:
+        """Poses between two states, (K, N, 7), of environments at a time each, as the integrator has them."""
+        share = (t_us - last.t_us) / (new.t_us - last.t_us)
+        qpos = last.qpos[envs]
+        seconds = (share * (new.time - last.time)[envs]).tolist()
+        for own, environment, after_s in zip(qpos, envs.tolist(), seconds, strict=True):
+            mujoco.mj_integratePos(self._model, own, new.qvel[environment], after_s)
+        mocap = last.mocap[envs]
+        if mocap.size:
+            mocap = _interpolated(mocap, new.mocap[envs], share[:, None, None])
+        poses, _ = self._kinematics.poses(qpos, mocap, None)
         # A free camera moves by the caller's hand, evenly.
-        poses[:, self._free_cameras] = _interpolated(first.poses, last.poses, share)[:, self._free_cameras]
-        knot = _Knot(middle_us, poses, path)
-        return [
-            *self._between(first, knot, path, reach, halvings - 1),
-            knot,
-            *self._between(knot, last, path, reach, halvings - 1),
-        ]
-
-    @property
-    def _free_cameras(self) -> list[int]:
-        return [i for i, frame in enumerate(self._frames) if frame.kind == _FREE]
-
-    def _until(self, until_us: int, now_us: int) -> tuple[list[int], Array]:
-        """Return times and poses, (E, T, N, 7), from now to the end of a step."""
-        knots = list(self._knots)
-        times, poses = [], []
-        for older, knot in zip([None, *knots[:-1]], knots, strict=True):
-            t_us, here = knot.t_us, knot.poses
-            if t_us > until_us:
-                if older is None or older.t_us >= until_us:
-                    break
-                t_us = until_us
-                share = (until_us - older.t_us) / (knot.t_us - older.t_us)
-                here = _interpolated(older.poses, knot.poses, share)
-                if knot.path is not None:
-                    exact = self._at(knot.path, until_us)
-                    exact[:, self._free_cameras] = here[:, self._free_cameras]
-                    here = exact
-            if t_us > now_us or (t_us == 0 and self._packet is None):
-                times.append(t_us)
-                poses.append(here)
-        return times, np.stack(poses, axis=1)
-
-    def _poses(self, states: list[_State], camera: Any) -> Array:
-        """World-from-node of every frame, (E, N, 7)."""
-        poses = np.empty((self._count, len(self._frames), 7))
-        for own, data, state in zip(poses, self._data, states, strict=True):
-            data.time = state.time
-            data.qpos[:], data.qvel[:] = state.qpos, state.qvel
-            data.mocap_pos[:], data.mocap_quat[:] = state.mocap_pos, state.mocap_quat
-            _place(self._model, data)
-            for i, frame in enumerate(self._frames):
-                own[i] = frame.pose(self._model, data, camera)
+        free = self._kinematics.free
+        if free:
+            first, end = last.poses[envs][:, free], new.poses[envs][:, free]
+            moves = not np.array_equal(first, end)
+            poses[:, free] = _interpolated(first, end, share[:, None, None]) if moves else first
         return poses
 
-    def _reach(self, poses: Array) -> Array:
-        """Pixels per metre and per radian that an error of each frame makes, (2, N), bounds from above."""
-        focal = max(max(info.fx, info.fy) for info in self._simulator.cameras)
-        near = self._model.vis.map.znear * self._model.stat.extent
-        reach = np.zeros((2, len(self._frames)))
-        for data, own in zip(self._data, poses, strict=True):
-            eyes = self._reading.eyes(self._views, data, own, self._frames)
-            for eye, carrier in eyes:
-                nearest = max(self._reading.nearest(data, eye, carrier), near)
-                for i, frame in enumerate(self._frames):
-                    if (frame.kind == _BODY and frame.index != carrier) or frame.kind == _TENDON:
-                        depth = max(float(np.linalg.norm(own[i, :3] - eye)) - frame.radius, near)
-                        found = focal / depth, focal * frame.radius / depth
-                    elif frame.kind == _LIGHT:
-                        continue
-                    else:
-                        lever = float(np.linalg.norm(own[i, :3] - eye))
-                        carries = frame.kind == _BODY or lever < 1e-9
-                        found = (focal / nearest, focal * (1 + lever / nearest)) if carries else (0.0, 0.0)
-                    reach[:, i] = np.maximum(reach[:, i], found)
-        return reach
+    def _between(self, last: _Seen, new: _Seen, envs: Indices, reach: Array) -> None:
+        """Add poses within a step, so many that what lies between runs as even motion has it, to 0.05 px."""
+        from_us, to_us = np.full(envs.size, last.t_us), np.full(envs.size, new.t_us)
+        first, end = last.poses[envs], new.poses[envs]
+        for _ in range(_MOST_HALVINGS):
+            middle_us = (from_us + to_us) // 2
+            poses = self._at(last, new, envs, middle_us)
+            share = ((middle_us - from_us) / (to_us - from_us))[:, None, None]
+            off = _difference(_interpolated(first, end, share), poses)
+            more = (self._pixels(off, reach) > _TOLERANCE_PX) & (middle_us > from_us)
+            if not more.any():
+                break
+            for environment, t_us, pose in zip(
+                envs[more].tolist(), middle_us[more].tolist(), poses[more], strict=True
+            ):
+                new.within.setdefault(environment, []).append((t_us, pose))
+            middle_us, poses = middle_us[more], poses[more]
+            # Both halves.
+            from_us, to_us = np.append(from_us[more], middle_us), np.append(middle_us, to_us[more])
+            first, end = np.concatenate([first[more], poses]), np.concatenate([poses, end[more]])
+            envs, reach = np.tile(envs[more], 2), np.tile(reach[more], (2, 1, 1))
+        for knots in new.within.values():
+            knots.sort(key=lambda knot: knot[0])
+
+    def _advance(self, until_us: int) -> Packet:
+        """Render to a whole portion."""
+        simulator = self._simulator
+        now_us = simulator.now_us
+        if not self._frames:
+            packet = simulator.step(until_us)
+        else:
+            packet = simulator._step_rows(until_us, self._rows(until_us, now_us))
+        while len(self._seen) > 1 and self._seen[1].t_us <= until_us:
+            self._seen.popleft()
+        return packet
+
+    def _rows(self, until_us: int, now_us: int) -> list[NodePoses]:
+        """Return times and poses from now to the end of a step, by environment and frame."""
+        times: list[int] = []
+        poses: list[Array] = []
+        within: dict[int, list[tuple[int, Array]]] = {}
+        older = None
+        for seen in self._seen:
+            for environment, inner in seen.within.items():
+                own = [knot for knot in inner if now_us < knot[0] <= until_us]
+                if own:
+                    within.setdefault(environment, []).extend(own)
+            if seen.t_us > until_us and older is not None and older.t_us < until_us:
+                times.append(until_us)
+                poses.append(self._at_portion(older, seen, until_us))
+            elif now_us < seen.t_us <= until_us or seen.t_us == now_us == 0:
+                times.append(seen.t_us)
+                poses.append(seen.poses)
+            older = seen
+        # (E, N, T, 7)
+        each = np.stack(poses, axis=2)
+        rows: list[NodePoses] = []
+        for environment, frames in enumerate(each.tolist()):
+            own_times = times
+            if environment in within:
+                knots = dict(within[environment])
+                knots.update(zip(times, each[environment].swapaxes(0, 1), strict=True))
+                own_times = sorted(knots)
+                frames = np.stack([knots[t_us] for t_us in own_times], axis=1).tolist()
+            rows += [(environment, i, own_times, frame, None, None) for i, frame in enumerate(frames)]
+        return rows
+
+    def _at_portion(self, older: _Seen, seen: _Seen, t_us: int) -> Array:
+        """Poses between two states, (E, N, 7)."""
+        share = (t_us - older.t_us) / (seen.t_us - older.t_us)
+        poses = _interpolated(older.poses, seen.poses, share)
+        envs = np.flatnonzero(seen.followed)
+        if envs.size:
+            poses[envs] = self._at(older, seen, envs, np.full(envs.size, t_us))
+        return poses
 
     @staticmethod
-    def _pixels(off: Array, reach: Array) -> float:
-        """How far, in pixels, differences of poses (E, N, 6) can be seen, at most."""
-        metres = np.linalg.norm(off[..., :3], axis=-1)
-        radians = np.linalg.norm(off[..., 3:], axis=-1)
-        return float((reach[0] * metres + reach[1] * radians).max(initial=0.0))
+    def _pixels(off: Array, reach: Array) -> Array:
+        """How far, in pixels, differences of poses (K, N, 6) can be seen, at most, (K,)."""
+        parts = off.reshape(*off.shape[:-1], 2, 3)
+        far = reach * np.sqrt(np.einsum("knpi,knpi->knp", parts, parts))
+        return np.asarray((far[..., 0] + far[..., 1]).max(axis=-1, initial=0.0))
 
 
-@dataclass(frozen=True)
-class _State:
-    """What was observed of an ``mjData``."""
+class _Seen:
+    """What was observed of every environment at one time, and how they came there from the one before."""
 
-    time: float
-    qpos: Array
-    qvel: Array
-    mocap_pos: Array
-    mocap_quat: Array
+    def __init__(self, time: Array, qpos: Array, qvel: Array, mocap: Array) -> None:
+        #: Stream time.
+        self.t_us = 0
+        #: The environments' own clocks, in seconds (E,), and their states (E, …).
+        self.time, self.qpos, self.qvel, self.mocap = time, qpos, qvel, mocap
+        #: Poses of the frames, (E, N, 7).
+        self.poses: Array = np.zeros((len(time), 0, 7))
+        #: Where cameras are, (E, V, 3).
+        self.eyes: Array = np.zeros((len(time), 0, 3))
+        #: Whether the integrator moved positions by the velocities at the step's end, (E,).
+        self.followed = np.zeros(len(time), bool)
+        #: By environment: times and poses (N, 7) on the way, where even motion would err.
+        self.within: dict[int, list[tuple[int, Array]]] = {}
+
+    def finite(self) -> Flags:
+        """Of which environments every value is finite."""
+        values: Array
+        if all(np.isfinite(values).all() for values in (self.time, self.qpos, self.qvel, self.mocap)):
+            return np.ones(len(self.time), bool)
+        finite = np.isfinite(self.time)
+        for values in (self.qpos, self.qvel, self.mocap.reshape(len(self.time), -1)):
+            finite &= np.isfinite(values).all(axis=1)
+        return finite
+
+    def take(self, other: _Seen, which: npt.NDArray[Any], *, but_poses: bool = False) -> None:
+        """Take the states of these environments from another observation."""
+        self.time[which], self.qpos[which] = other.time[which], other.qpos[which]
+        self.qvel[which], self.mocap[which] = other.qvel[which], other.mocap[which]
+        self.eyes[which] = other.eyes[which]
+        if not but_poses:
+            self.poses[which] = other.poses[which]
 
 
-@dataclass(frozen=True)
-class _Path:
-    """A step of an integrator that moves positions by the velocities at its end: per environment."""
+class _Kinematics:
+    """Poses of the frames for states of many environments, and how far errors of them are seen."""
 
-    from_us: int
-    to_us: int
-    seconds: float
-    old: list[_State]
-    new: list[_State]
+    def __init__(self, model: Any, reading: _ModelReader, views: list[int], frames: list[_Frame]) -> None:
+        self._model, self._views, self._count = model, views, len(frames)
+        # One for all environments: it stays in the processor's cache.
+        self._data = mujoco.MjData(model)
+        of_kind = {kind: [i for i, f in enumerate(frames) if f.kind == kind] for kind in range(5)}
+
+        def indices(kind: int) -> Indices:
+            return np.array([frames[i].index for i in of_kind[kind]], np.int64)
+
+        # Bodies come first.
+        self._bodies = indices(_BODY)
+        self._cameras, self._camera_ids = of_kind[_CAMERA], indices(_CAMERA).tolist()
+        self._lights, self._light_ids = of_kind[_LIGHT], indices(_LIGHT)
+        self._tendons = of_kind[_TENDON]
+        self._parts = [(frames[i].index, frames[i].part, frames[i].end) for i in self._tendons]
+        #: Which frames are free cameras.
+        self.free = of_kind[_FREE]
+        self._default_free = _free_pose(model, None, None)
+        self._named = [place for place, view in enumerate(views) if view >= 0]
+        self._named_ids = np.array([views[place] for place in self._named], np.int64)
+        modes = [model.cam_mode[view] for view in views if view >= 0]
+        modes += [model.light_mode[index] for index in self._light_ids]
+        centres = mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM, mujoco.mjtCamLight.mjCAMLIGHT_TARGETBODYCOM
+        #: Whether any of them follows a centre of mass.
+        self._centres = any(mode == centre for mode in modes for centre in centres)
+        # What the scene shows was read once.
+        self._geoms = np.array([i for kind, i in reading.shown() if kind == "geom"], np.int64)
+        self._bounds = np.array(model.geom_rbound[self._geoms], np.float64)
+        self._planes = np.flatnonzero(model.geom_type[self._geoms] == int(_GEOM.mjGEOM_PLANE))
+        self._plane_ids = self._geoms[self._planes]
+        self._radius = np.array([frame.radius for frame in frames], np.float64)
+        self._is_body = np.array([frame.kind == _BODY for frame in frames], bool)
+        self._seers = [self._seer(reading, view, frames) for view in views]
+
+    def _seer(self, reading: _ModelReader, view: int, frames: list[_Frame]) -> tuple[Flags, Flags, Flags]:
+        """Return which frames a camera sees from afar, which may carry it, and which geoms do not."""
+        carrier = reading.carrier(view)
+        afar = [(f.kind == _BODY and f.index != carrier) or f.kind == _TENDON for f in frames]
+        carries = [not far and f.kind != _LIGHT for far, f in zip(afar, frames, strict=True)]
+        apart = self._model.geom_bodyid[self._geoms] != (-1 if carrier is None else carrier)
+        return np.array(afar, bool), np.array(carries, bool), np.asarray(apart)
+
+    def poses(self, qpos: Array, mocap: Array, camera: Any) -> tuple[Array, Array]:
+        """World-from-node of every frame, (K, N, 7), and where cameras are, (K, V, 3), for K states."""
+        model, data, count = self._model, self._data, len(qpos)
+        bodies, lights, tendons = self._bodies, self._lights, self._tendons
+        own_qpos, xpos, xquat, cam_xpos = data.qpos, data.xpos, data.xquat, data.cam_xpos
+        light_xpos, light_xdir = data.light_xpos, data.light_xdir
+        # What is gathered lies together; quaternions are MuJoCo's.
+        found, turn = np.empty((count, self._count, 7)), np.ones((count, self._count, 4))
+        body_place, body_turn = np.empty((count, bodies.size, 3)), np.empty((count, bodies.size, 4))
+        light_place, light_way = (np.empty((count, len(lights), 3)) for _ in range(2))
+        named, eyes = np.empty((count, len(self._named), 3)), np.empty((count, len(self._views), 3))
+        ways = np.empty((count, len(tendons), 3))
+        tracks = bool(self.free) and camera is not None and camera.type == mujoco.mjtCamera.mjCAMERA_TRACKING
+        wraps, moving = bool(tendons), mocap.size > 0
+        shines, centres = bool(lights or self._named), self._centres or wraps or tracks
+        for row, (state, row_place, row_turn) in enumerate(zip(qpos, body_place, body_turn, strict=True)):
+            own_qpos[:] = state
+            if moving:
+                data.mocap_pos[:], data.mocap_quat[:] = mocap[row, :, :3], mocap[row, :, 3:]
+            mujoco.mj_kinematics(model, data)
+            xpos.take(bodies, 0, row_place, "clip")
+            xquat.take(bodies, 0, row_turn, "clip")
+            if centres:
+                mujoco.mj_comPos(model, data)
+            if shines:
+                mujoco.mj_camlight(model, data)
+            if self._named:
+                cam_xpos.take(self._named_ids, 0, named[row], "clip")
+            for i, index in zip(self._cameras, self._camera_ids, strict=True):
+                found[row, i, :3] = cam_xpos[index]
+                mujoco.mju_mat2Quat(turn[row, i], data.cam_xmat[index])
+            if lights:
+                light_xpos.take(self._light_ids, 0, light_place[row], "clip")
+                light_xdir.take(self._light_ids, 0, light_way[row], "clip")
+            if wraps:
+                mujoco.mj_tendon(model, data)
+                found[row, tendons, :3], ways[row] = _tendon_ends(data, self._parts)
+            if tracks:
+                found[row, self.free] = _free_pose(model, data, camera)
+        found[:, : bodies.size, :3], turn[:, : bodies.size] = body_place, body_turn
+        if lights:
+            found[:, lights, :3], turn[:, lights] = light_place, _towards(light_way)
+        if wraps:
+            turn[:, tendons] = _towards(ways)
+        tracked = found[:, self.free] if tracks else None
+        w, x, y, z = (turn[..., k] for k in range(4))
+        length = np.sqrt(w * w + x * x + y * y + z * z)[..., None]
+        np.divide(turn[..., 1:], length, out=found[..., 3:6])
+        np.divide(turn[..., :1], length, out=found[..., 6:])
+        if tracked is not None:
+            found[:, self.free] = tracked
+        elif self.free:
+            found[:, self.free] = self._default_free if camera is None else _free_pose(model, None, camera)
+        eyes[:, self._named] = named
+        if self.free:
+            eyes[:, self._views.index(-1)] = found[:, self.free[0], :3]
+        return found, eyes
+
+    def reach(self, seen: _Seen, envs: Indices, bent: Flags, focal: float) -> Array:
+        """Pixels per metre and per radian that an error of each frame makes, (K, N, 2), bounds from above.
+
+        `bent`, (K, N): frames whose motion is not even. Where none of them carries a camera, what that would
+        add is left out.
+        """
+        near = self._model.vis.map.znear * self._model.stat.extent
+        reach, found = np.zeros((2, len(envs), self._count, 2))
+        moves: list[Flags] = [np.asarray((bent & carries).any(axis=-1)) for _, carries, _ in self._seers]
+        gathered = np.flatnonzero(np.array(moves).any(axis=0))
+        geometry = self._geometry(seen, envs[gathered]) if gathered.size else None
+        for place, ((afar, carries, apart), moved) in enumerate(zip(self._seers, moves, strict=True)):
+            eye = seen.eyes[envs, place]
+            off = seen.poses[envs, :, :3] - eye[:, None]
+            lever = np.sqrt(np.einsum("kni,kni->kn", off, off))
+            np.multiply(focal / np.maximum(lever - self._radius, near), afar, out=found[..., 0])
+            np.multiply(found[..., 0], self._radius, out=found[..., 1])
+            if geometry is not None and moved.any():
+                nearest = np.full((len(envs), 1), np.inf)
+                nearest[gathered, 0] = self._nearest(eye[gathered], apart, *geometry)
+                np.maximum(nearest, near, out=nearest)
+                on_it = moved[:, None] & carries & (self._is_body | (lever < 1e-9))
+                found[..., 0] = np.where(on_it, focal / nearest, found[..., 0])
+                found[..., 1] = np.where(on_it, focal * (1 + lever / nearest), found[..., 1])
+            np.maximum(reach, found, out=reach)
+        return reach
+
+    def _geometry(self, seen: _Seen, envs: Indices) -> tuple[Array, Array]:
+        """Where geoms are, (K, G, 3), and axes of the planes among them, (K, P, 9)."""
+        model, data, geoms, planes = self._model, self._data, self._geoms, self._plane_ids
+        places, axes = np.empty((envs.size, geoms.size, 3)), np.empty((envs.size, planes.size, 9))
+        for environment, row_places, row_axes in zip(envs.tolist(), places, axes, strict=True):
+            data.qpos[:] = seen.qpos[environment]
+            if seen.mocap.size:
+                data.mocap_pos[:] = seen.mocap[environment, :, :3]
+                data.mocap_quat[:] = seen.mocap[environment, :, 3:]
+            mujoco.mj_kinematics(model, data)
+            data.geom_xpos.take(geoms, 0, row_places, "clip")
+            data.geom_xmat.take(planes, 0, row_axes, "clip")
+        return places, axes
+
+    def _nearest(self, eyes: Array, apart: Flags, places: Array, axes: Array) -> Array:
+        """Metres to the nearest that a camera may see, from below, (K,)."""
+        off = eyes[:, None] - places
+        away = np.sqrt(np.einsum("kgi,kgi->kg", off, off)) - self._bounds
+        planes = self._planes
+        away[:, planes] = np.abs(np.einsum("kgi,kgi->kg", off[:, planes], axes[..., 2::3]))
+        return np.asarray(away[:, apart].min(axis=1, initial=math.inf))
 
 
-@dataclass(frozen=True)
-class _Knot:
-    """Poses (E, N, 7) at a time, and how the integrator came to them from the knot before."""
+def _has_diverged(data: Any) -> bool:
+    """Whether MuJoCo has counted positions, velocities or accelerations that it could not use."""
+    return any(data.warning[kind].number > 0 for kind in _DIVERGED)
 
-    t_us: int
-    poses: Array
-    path: _Path | None
+
+def _joined(events: list[EventArray]) -> EventArray:
+    """Events of one camera one after the other; those of one packet as they are."""
+    if len(events) == 1:
+        return events[0]
+    width, height = events[0].sensor_size
+    return EventArray(np.concatenate([each.to_numpy() for each in events]), width=width, height=height)
 
 
 _BODY, _CAMERA, _LIGHT, _FREE, _TENDON = range(5)
@@ -633,21 +999,6 @@ class _Frame:
     part: int = 0
     end: int = 0
 
-    def pose(self, model: Any, data: Any, camera: Any) -> Array:
-        """Position and quaternion (x, y, z, w) in the world."""
-        if self.kind == _TENDON:
-            ends = _tendon_part(data, self.index, self.part)
-            way = ends[1] - ends[0]
-            length = float(np.linalg.norm(way))
-            return _seven(ends[self.end], _towards(-way if length > 1e-12 else np.array([0.0, 0.0, -1.0])))
-        if self.kind == _BODY:
-            return _seven(data.xpos[self.index], data.xquat[self.index])
-        if self.kind == _CAMERA:
-            return _seven(data.cam_xpos[self.index], _quaternion(data.cam_xmat[self.index]))
-        if self.kind == _LIGHT:
-            return _seven(data.light_xpos[self.index], _towards(data.light_xdir[self.index]))
-        return _free_pose(model, data, camera)
-
 
 def _seven(position: npt.ArrayLike, wxyz: npt.ArrayLike) -> Array:
     """MuJoCo's position and quaternion (w, x, y, z) as x, y, z, qx, qy, qz, qw."""
@@ -664,12 +1015,13 @@ def _quaternion(matrix: npt.ArrayLike) -> Array:
 
 
 def _towards(direction: npt.ArrayLike) -> Array:
-    """Quaternion (w, x, y, z) that turns -Z to a direction by the shortest way."""
-    x, y, z = np.asarray(direction, np.float64) / max(float(np.linalg.norm(direction)), 1e-300)
-    if z > 1 - 1e-12:
-        return np.array([0.0, 1.0, 0.0, 0.0])
-    found = np.array([1 - z, y, -x, 0.0])
-    return np.asarray(found / np.linalg.norm(found))
+    """Quaternions (w, x, y, z) that turn -Z to directions (…, 3) by the shortest way."""
+    way = np.asarray(direction, np.float64)
+    way = way / np.maximum(np.sqrt(np.einsum("...i,...i->...", way, way)), 1e-300)[..., None]
+    found = np.zeros((*way.shape[:-1], 4))
+    found[..., 0], found[..., 1], found[..., 2] = 1 - way[..., 2], way[..., 1], -way[..., 0]
+    found[way[..., 2] > 1 - 1e-12] = 0.0, 1.0, 0.0, 0.0
+    return np.asarray(found / np.sqrt(np.einsum("...i,...i->...", found, found))[..., None])
 
 
 def _free_pose(model: Any, data: Any, camera: Any) -> Array:
@@ -696,42 +1048,70 @@ def _place(model: Any, data: Any) -> None:
         mujoco.mj_tendon(model, data)
 
 
-def _tendon_part(data: Any, tendon: int, part: int) -> Array:
-    """Both ends of a part of a tendon, (2, 3), as MuJoCo draws it; of one that is not there its last point.
+def _tendon_ends(data: Any, parts: list[tuple[int, int, int]]) -> tuple[Array, Array]:
+    """Return ends of parts of tendons as MuJoCo draws them, and the ways back along them, (P, 3) each.
 
-    Parts are counted along the way: those outside of what it wraps around, and apart from these those within.
+    `parts`: tendon, number of the part, and which end. Parts are counted along the way: from 0 on those
+    outside of what the tendon wraps around, from -1 down those within. One that is not there lies in the last
+    point.
     """
-    start, count = int(data.ten_wrapadr[tendon]), int(data.ten_wrapnum[tendon])
-    points = np.asarray(data.wrap_xpos).reshape(-1, 3)[start : start + count]
-    objects = np.asarray(data.wrap_obj).ravel()[start : start + count]
-    within = part < 0
-    left = -1 - part if within else part
-    for k in range(count - 1):
+    starts, counts = data.ten_wrapadr, data.ten_wrapnum
+    points = np.asarray(data.wrap_xpos).reshape(-1, 3)
+    objects = np.asarray(data.wrap_obj).ravel().tolist()
+    drawn: dict[int, tuple[dict[int, int], int]] = {}
+    first, last, ends = [], [], []
+    for tendon, part, end in parts:
+        if tendon not in drawn:
+            drawn[tendon] = _tendon_ways(objects, int(starts[tendon]), int(counts[tendon]))
+        ways, rest = drawn[tendon]
+        at = ways.get(part)
+        first.append(rest if at is None else at)
+        last.append(rest if at is None else at + 1)
+        ends.append(end)
+    begin, stop = (np.where(np.array(which)[:, None] < 0, 0.0, points[which]) for which in (first, last))
+    back = begin - stop
+    # Where there is no way it points down.
+    back[np.abs(back).max(axis=1) <= 1e-12] = 0.0, 0.0, -1.0
+    return np.where(np.array(ends)[:, None] == 0, begin, stop), back
+
+
+def _tendon_ways(objects: list[int], start: int, count: int) -> tuple[dict[int, int], int]:
+    """At which point each part of a tendon begins, and its last point, -1 for none."""
+    ways: dict[int, int] = {}
+    outside = within = 0
+    for k in range(start, start + count - 1):
         # A pulley cuts the way.
-        if -2 in objects[k : k + 2] or bool((objects[k : k + 2] >= 0).all()) != within:
+        if objects[k] == -2 or objects[k + 1] == -2:
             continue
-        if left == 0:
-            return np.array(points[k : k + 2])
-        left -= 1
-    real = np.flatnonzero(objects != -2)
-    last = points[real[-1]] if real.size else np.zeros(3)
-    return np.array([last, last])
+        if objects[k] >= 0 and objects[k + 1] >= 0:
+            within += 1
+            ways[-within] = k
+        else:
+            ways[outside] = k
+            outside += 1
+    real = [k for k in range(start, start + count) if objects[k] != -2]
+    return ways, real[-1] if real else -1
 
 
-def _multiplied(a: Array, b: Array) -> Array:
-    """Product of quaternions (x, y, z, w)."""
-    av, aw, bv, bw = a[..., :3], a[..., 3:], b[..., :3], b[..., 3:]
-    vector = aw * bv + bw * av + np.cross(av, bv)
-    return np.concatenate([vector, aw * bw - (av * bv).sum(axis=-1, keepdims=True)], axis=-1)
+#: Products of quaternions (x, y, z, w) by one, or its conjugate, from the right, as matrices of its numbers.
+_NUMBERS = np.array([[3, 2, 1, 0], [2, 3, 0, 1], [1, 0, 3, 2], [0, 1, 2, 3]])
+_PRODUCT = np.array([[1.0, 1, -1, 1], [-1, 1, 1, 1], [1, -1, 1, 1], [-1, -1, -1, 1]])
+_CONJUGATE = np.array([[1.0, -1, 1, -1], [1, 1, -1, -1], [-1, 1, 1, -1], [1, 1, 1, 1]])
+
+
+def _multiplied(a: Array, b: Array, signs: Array = _PRODUCT) -> Array:
+    """Product of quaternions (x, y, z, w); with `_CONJUGATE` by the conjugate of `b`."""
+    return np.asarray((b.take(_NUMBERS, axis=-1) * signs @ a[..., None])[..., 0])
 
 
 def _turn(first: Array, last: Array) -> Array:
     """Rotation vector in the world from one quaternion (x, y, z, w) to another, by the short way."""
-    between = _multiplied(last, first * [-1, -1, -1, 1])
-    between = between * np.where(between[..., 3:] < 0, -1.0, 1.0)
-    sine = np.linalg.norm(between[..., :3], axis=-1, keepdims=True)
-    angle = 2 * np.arctan2(sine, between[..., 3:])
-    return between[..., :3] * np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 2.0)
+    between = _multiplied(last, first, _CONJUGATE)
+    vector, cosine = between[..., :3], between[..., 3:]
+    sine = np.sqrt(np.einsum("...i,...i->...", vector, vector))[..., None]
+    angle = 2 * np.arctan2(sine, np.abs(cosine))
+    length = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 2.0)
+    return np.asarray(vector * np.copysign(length, cosine))
 
 
 def _difference(first: Array, last: Array) -> Array:
@@ -739,10 +1119,10 @@ def _difference(first: Array, last: Array) -> Array:
     return np.concatenate([last[..., :3] - first[..., :3], _turn(first[..., 3:], last[..., 3:])], axis=-1)
 
 
-def _interpolated(first: Array, last: Array, share: float) -> Array:
-    """Pose between two: straight on, and an even turn."""
+def _interpolated(first: Array, last: Array, share: float | Array) -> Array:
+    """Pose between two: straight on, and an even turn. `share` is of the way, (…, 1) as an array."""
     way = share * _turn(first[..., 3:], last[..., 3:])
-    angle = np.linalg.norm(way, axis=-1, keepdims=True)
+    angle = np.sqrt(np.einsum("...i,...i->...", way, way))[..., None]
     half = np.where(angle > 1e-12, np.sin(angle / 2) / np.maximum(angle, 1e-300), 0.5)
     turn = np.concatenate([half * way, np.cos(angle / 2)], axis=-1)
     position = first[..., :3] + share * (last[..., :3] - first[..., :3])
@@ -800,7 +1180,7 @@ class _ModelReader:
             *_in_groups("site", model.site_group, site_groups),
         ]
         chosen = {_check.whole("tendon_groups", group, 0, 5) for group in tendon_groups}
-        #: Tendon, number of the part (see `_tendon_part`), and its radius.
+        #: Tendon, number of the part (see `_tendon_ends`), and its radius.
         self.tendon_parts = list(self._parts_of_tendons(chosen))
         self.moving = _moving(model)
         self.left_out: dict[str, list[str]] = {}
@@ -833,12 +1213,12 @@ class _ModelReader:
             if found is None:
                 raise ConfigError(f"camera is {choice!r}; {_known(choice, names)}, or -1 for the free camera")
         else:
-            try:
-                found = int(choice)
-            except (TypeError, ValueError):
+            # True is an integer to Python, and a slip here.
+            if isinstance(choice, (bool, np.bool_)) or not hasattr(choice, "__index__"):
                 raise ConfigError(
                     f"camera is {_check.shown(choice)}; it must be a name, an index or an mujoco.MjvCamera"
-                ) from None
+                )
+            found = _check.whole("camera", choice, -(2**31), 2**31 - 1)
             if not -1 <= found < model.ncam:
                 have = f"cameras 0 to {model.ncam - 1}" if model.ncam else "no camera"
                 raise ConfigError(f"camera is {found}; the model has {have}, and -1 is the free camera")
@@ -862,7 +1242,7 @@ class _ModelReader:
         """Nodes that the simulation moves, as far as they are seen or see."""
         model = self.model
         radius: dict[int, float] = {}
-        for kind, index in self._shown():
+        for kind, index in self.shown():
             body = int(getattr(model, f"{kind}_bodyid")[index])
             position = np.linalg.norm(getattr(model, f"{kind}_pos")[index])
             own = float(model.geom_rbound[index] if kind == "geom" else 2 * model.site_size[index].max())
@@ -891,32 +1271,12 @@ class _ModelReader:
         mode = getattr(self.model, f"{kind}_mode")[index]
         return bool(mode == mujoco.mjtCamLight.mjCAMLIGHT_FIXED)
 
-    def eyes(
-        self, views: list[int], data: Any, poses: Array, frames: list[_Frame]
-    ) -> list[tuple[Array, int | None]]:
-        """Where cameras are, and the moving body that carries each."""
-        found: list[tuple[Array, int | None]] = []
-        for view in views:
-            if view < 0:
-                at = next(i for i, frame in enumerate(frames) if frame.kind == _FREE)
-                found.append((poses[at, :3], None))
-            else:
-                body = int(self.model.cam_bodyid[view])
-                carried = self._is_fixed("cam", view) and self.moving[body]
-                found.append((np.array(data.cam_xpos[view]), body if carried else None))
-        return found
-
-    def nearest(self, data: Any, eye: Array, carrier: int | None) -> float:
-        """Metres to the nearest that a camera may see, from below."""
-        model = self.model
-        geoms = np.array([i for kind, i in self._shown() if kind == "geom"], np.int64)
-        if carrier is not None:
-            geoms = geoms[model.geom_bodyid[geoms] != carrier]
-        off = eye - data.geom_xpos[geoms]
-        planes = model.geom_type[geoms] == int(_GEOM.mjGEOM_PLANE)
-        away = np.linalg.norm(off, axis=1) - model.geom_rbound[geoms]
-        above = np.abs((off * data.geom_xmat[geoms].reshape(-1, 3, 3)[:, :, 2]).sum(axis=1))
-        return float(np.where(planes, above, away).min(initial=math.inf))
+    def carrier(self, view: int) -> int | None:
+        """Return the moving body that carries a camera."""
+        if view < 0 or not self._is_fixed("cam", view):
+            return None
+        body = int(self.model.cam_bodyid[view])
+        return body if self.moving[body] else None
 
     # The scene
 
@@ -960,7 +1320,7 @@ class _ModelReader:
             warnings.warn(f"{what}: {shown}", stacklevel=3)
         return _made(builder.toml(), self._glb.to_bytes(), panorama)
 
-    def _shown(self) -> list[tuple[str, int]]:
+    def shown(self) -> list[tuple[str, int]]:
         """Return what of the drawn groups can be seen."""
         return [(kind, i) for kind, i in self.drawn if self._appearance(kind, i)[1][3] >= _TRANSPARENT]
 
@@ -1033,11 +1393,12 @@ class _ModelReader:
             mesh = self._glb.add_mesh(
                 name, [(shape, self._material(material, rgba, None, False))], two_joints=True
             )
-            joints = []
-            for end in range(2):
-                frame = _Frame(f"{name}/{end}", _TENDON, tendon, width, part, end)
-                pose = frame.pose(self.model, self.data, None)
-                joints.append(self._glb.add_node(frame.name, pose[:3], pose[3:]))
+            at, ways = _tendon_ends(self.data, [(tendon, part, end) for end in range(2)])
+            turns = _towards(ways)
+            joints = [
+                self._glb.add_node(f"{name}/{end}", (pose := _seven(at[end], turns[end]))[:3], pose[3:])
+                for end in range(2)
+            ]
             skin = self._glb.add_skin(joints, np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
             self._glb.add_node(name, mesh=mesh, skin=skin)
             self.objects.append((tendon, int(_OBJECT.mjOBJ_TENDON)))
@@ -1381,6 +1742,10 @@ class _ModelReader:
         ):
             for index in range(count):
                 self._omit_named(not_drawn, f"{what} '{_name(model, kind, index)}'")
+        for index in range(model.nsensor):
+            if model.sensor_type[index] == mujoco.mjtSensor.mjSENS_RANGEFINDER:
+                name = _name(model, _OBJECT.mjOBJ_SENSOR, index)
+                self._omit_named("rays of rangefinders are not drawn", f"sensor '{name}'")
         for index in range(model.ntendon):
             if 0 < self._appearance("tendon", index)[1][3] < _TRANSPARENT:
                 name = _name(model, _OBJECT.mjOBJ_TENDON, index)
