@@ -178,7 +178,10 @@ def test_tensors_on_a_card_are_copied_and_warned_of_once() -> None:
             assert emulator.push(OnCard(frame(k)), 1000 * k) == reference.push(frame(k), 1000 * k)
             assert emulator.report.copies == 1
     (said,) = [str(warning.message) for warning in caught]
-    assert f"tensors are on cuda:0, and events are made on the CPU: each push copies {40 * 30 * 4e-6:.1f}" in said
+    assert (
+        f"tensors are on cuda:0, and events are made on the CPU: each push copies {40 * 30 * 4e-6:.1f}"
+        in said
+    )
     emulator.reset()
     depth, motion = np.ones((30, 40), np.float32), np.zeros((30, 40, 2), np.float32)
     emulator.push_keyframe(OnCard(frame(0)), OnCard(depth), OnCard(motion), 4000)

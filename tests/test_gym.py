@@ -272,11 +272,19 @@ def test_lights_and_lenses_are_drawn_with_each_episode(device: evis.Device) -> N
     builder.texture("checker", pattern="checker")
     builder.material("painted", texture="checker")
     builder.box("cube", size=(0.8, 0.8, 0.8), material="painted")
-    builder.light("lamp", kind="directional", intensity=5.0, pose=Placement(position=(1, 3, 2), look_at=(0, 0, 0)))
+    builder.light(
+        "lamp", kind="directional", intensity=5.0, pose=Placement(position=(1, 3, 2), look_at=(0, 0, 0))
+    )
     eye = Placement(position=(0.2, 0.4, 2.5), look_at=(0, 0, 0))
     builder.camera(evis.EventCamera(name="eye", width=SIZE[0], height=SIZE[1], pose=eye))
     builder.environments(2)
-    settings = {"rate_hz": 400.0, "samples": 1, "poses": ["cube"], "lights": ["lamp"], "reference_luminance": 1.0}
+    settings = {
+        "rate_hz": 400.0,
+        "samples": 1,
+        "poses": ["cube"],
+        "lights": ["lamp"],
+        "reference_luminance": 1.0,
+    }
     batch = EventVectorEnv(evis.Simulator(builder.build(), device=device, **settings), Lit(2))
     batch.reset(seed=3)
 

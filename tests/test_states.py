@@ -107,7 +107,7 @@ def test_what_cannot_be_stored_is_refused(
     [
         (["arm"], "states is .*mapping"),
         ({"arm": "elbow"}, r"states\['arm'\] is 'elbow'"),
-        ({"arm": []}, "the state \"arm\" has 0 values"),
+        ({"arm": []}, 'the state "arm" has 0 values'),
         ({"a/b": ["x"]}, "cannot name a state"),
     ],
 )
@@ -115,7 +115,10 @@ def test_states_that_no_file_can_hold_are_refused(
     device: evis.Device, tmp_path: Path, states: Any, message: str
 ) -> None:
     sim = simulator(device)
-    with pytest.raises(evis.EvisError, match=message), evis.Writer(tmp_path / "a.h5", sim, states=states) as writer:
+    with (
+        pytest.raises(evis.EvisError, match=message),
+        evis.Writer(tmp_path / "a.h5", sim, states=states) as writer,
+    ):
         writer.write(sim.step(10_000))
     with pytest.raises(evis.ConfigError, match="holds no states"):
         evis.Writer(tmp_path / "a.raw", sim, states=NAMES)

@@ -18,7 +18,7 @@ SHOWN = "\\u001b[31mred\\u0007"
 
 
 def obeyed(text: str) -> bool:
-    return any(ord(c) < 32 and c not in "\n\t" or 127 <= ord(c) < 160 for c in text)
+    return any((ord(c) < 32 and c not in "\n\t") or 127 <= ord(c) < 160 for c in text)
 
 
 def scene(name: str = NAME, x: float = 3.0) -> evis.Scene:
@@ -38,7 +38,8 @@ def test_errors_escape_what_terminals_obey() -> None:
         assert not obeyed(repr(error))
     assert str(evis.ConfigError()) == ""
     assert _evis.printable("\x9b2J") == "\\u009b2J"
-    assert obeyed(NAME) and not obeyed(SHOWN), "canary"
+    assert obeyed(NAME), "canary"
+    assert not obeyed(SHOWN)
 
 
 def test_names_in_files_reach_no_terminal(
@@ -62,7 +63,8 @@ def test_names_in_files_reach_no_terminal(
     for command in ("plot", "view"):
         assert _commands.run(command, [str(path), "--camera", "zz", "-o", str(tmp_path / "a.png")]) == 2
     out, err = capsys.readouterr()
-    assert not obeyed(out) and not obeyed(err.replace("\r", ""))
+    assert not obeyed(out)
+    assert not obeyed(err.replace("\r", ""))
     assert json.loads(json.dumps(NAME)) == NAME
 
 

@@ -348,9 +348,9 @@ class EventEmulator(Generic[Out]):
 
         The light between two keyframes is warped along the motion vectors from both, at as many instants as
         the motion requires, then goes through the sensor model as in `push`. Where neither keyframe knows it,
-        a pixel's memory stays. Arrays are NumPy or DLPack, as in `push`, float32 but for ``hdr``, which may hold
-        integers; ``(H, W)`` stands for the sensor's size, larger by ``warp.margin`` on every side, and for
-        ``(N, H, W)`` with a batch.
+        a pixel's memory stays. Arrays are NumPy or DLPack, as in `push`, float32 but for ``hdr``, which may
+        hold integers; ``(H, W)`` stands for the sensor's size, larger by ``warp.margin`` on every side, and
+        for ``(N, H, W)`` with a batch.
 
         Parameters
         ----------
@@ -427,7 +427,9 @@ class EventEmulator(Generic[Out]):
         shape: tuple[int, ...] = size_hw if self.batch is None else (self.batch, *size_hw)
         if self._transfers.size:  # of a push that failed
             self._transfers = Copies()
-        light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16), self._transfers)
+        light, copies = _picture(
+            "hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16), self._transfers
+        )
         if transfer is None:
             transfer = "linear" if light.dtype == np.float32 else "srgb"
         depths = np.empty(0, np.float32)
@@ -438,13 +440,17 @@ class EventEmulator(Generic[Out]):
         if motion_vectors is None and motion_steps is None:
             raise ConfigError("motion_vectors is None; it must be an array where motion_steps is not given")
         if motion_vectors is not None:
-            motion, copied = _picture("motion_vectors", motion_vectors, shape, (2,), transfers=self._transfers)
+            motion, copied = _picture(
+                "motion_vectors", motion_vectors, shape, (2,), transfers=self._transfers
+            )
             copies += copied
         if motion_steps is not None:
             fields, copied = _motion_steps(motion_steps, shape, self._transfers)
             copies += copied
         if motion_forward is not None:
-            forward, copied = _picture("motion_forward", motion_forward, shape, (2,), transfers=self._transfers)
+            forward, copied = _picture(
+                "motion_forward", motion_forward, shape, (2,), transfers=self._transfers
+            )
             copies += copied
         channels = light.size // math.prod(shape)
         size = 1 if self.batch is None else self.batch
@@ -741,9 +747,7 @@ def _without_alpha(
     return array, copied
 
 
-def _motion_steps(
-    values: Any, shape: tuple[int, ...], transfers: Copies
-) -> tuple[npt.NDArray[Any], int]:
+def _motion_steps(values: Any, shape: tuple[int, ...], transfers: Copies) -> tuple[npt.NDArray[Any], int]:
     """View the motion fields of a gap as a contiguous array; say how many copies that took."""
     array, copied = _as_array(values, "motion_steps", (np.float32,), transfers)
     *batch, height, width = shape

@@ -356,7 +356,7 @@ class Recording(EventCarrier, ByCamera[RecordedView]):
         if not isinstance(source, _evis.Recording):
             return {}
         found = {name: source.state(name) for name in source.states()}
-        return {name: RecordedState(tuple(names), *columns) for name, (names, *columns) in found.items()}
+        return {name: RecordedState(tuple(names), t, values) for name, (names, t, values) in found.items()}
 
     @property
     def imus(self) -> Mapping[str, ImuSamples]:
@@ -774,7 +774,9 @@ class Writer:
             raise ConfigError(f"values has shape {rows.shape}; it must have {(*times.shape, width)}")
         flat = np.atleast_1d(times).astype(np.int64)
         index = list(self._states).index(name)
-        self._open()[environment].write_state(index, flat, np.ascontiguousarray(rows.reshape(len(flat), width)))
+        self._open()[environment].write_state(
+            index, flat, np.ascontiguousarray(rows.reshape(len(flat), width))
+        )
 
     def write(self, packet: Packet) -> None:
         """Append a packet; packets are written in order.

@@ -225,7 +225,9 @@ def values_at(
     """Read ``labels``, whose images have ``size``, at the pixels of events: `Labels.at_events`."""
     own = events._event_array() if isinstance(events, EventCarrier) else events
     if not isinstance(own, (EventArray, EventWindow)):
-        raise ConfigError(f"events is {_check.shown(events)}; it must be an EventArray, a window or a view of them")
+        raise ConfigError(
+            f"events is {_check.shown(events)}; it must be an EventArray, a window or a view of them"
+        )
     if (own.width, own.height) != size:
         raise ConfigError(
             f"events are {own.width}x{own.height} and the images of {labels.kind} {size[0]}x{size[1]}; give "

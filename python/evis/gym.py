@@ -101,7 +101,8 @@ class Task(Protocol):
     ) -> Mapping[str, npt.ArrayLike] | InitialState:
         """Begin episodes of the K environments ``env_ids``, each with its generator.
 
-        Returns poses, (K, 7), or an `InitialState` with sensors, materials, lights, lenses and what is seen, too.
+        Returns poses, (K, 7), or an `InitialState` with sensors, materials, lights, lenses and what is seen,
+        too.
         """
         ...
 

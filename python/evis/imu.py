@@ -291,10 +291,9 @@ def _motion_at(
     length = (ends_s[k + 1] - ends_s[k])[:, None]
     u = (at_s - ends_s[k])[:, None] / length
     # Second derivative of the cubic Hermite spline.
-    acceleration = (
-        (12 * u - 6) * (places[k, :3] - places[k + 1, :3]) / length**2
-        + ((6 * u - 4) * speeds[k] + (6 * u - 2) * speeds[k + 1]) / length
-    )
+    acceleration = (12 * u - 6) * (places[k, :3] - places[k + 1, :3]) / length**2 + (
+        (6 * u - 4) * speeds[k] + (6 * u - 2) * speeds[k + 1]
+    ) / length
     begin, end = places[k, 3:], places[k + 1, 3:].copy()
     end[(begin * end).sum(axis=1) < 0] *= -1.0  # the shorter way round
     # begin^-1 end, as axis times angle.
@@ -314,9 +313,7 @@ def _motion_at(
     return acceleration, turn, axis * angle[:, None] / length
 
 
-def _turned_back(
-    turn: npt.NDArray[np.float64], vectors: npt.NDArray[np.float64]
-) -> npt.NDArray[np.float64]:
+def _turned_back(turn: npt.NDArray[np.float64], vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
     """Turn vectors of the world into the axes of bodies."""
     axis, w = -turn[:, :3], turn[:, 3:]
     across = 2.0 * np.cross(axis, vectors)
