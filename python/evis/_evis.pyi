@@ -62,6 +62,7 @@ __all__ = [
     "load_rig",
     "mse",
     "parse_rig",
+    "printable",
     "psnr",
     "read_events",
     "recognise_format",
