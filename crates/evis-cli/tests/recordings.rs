@@ -91,7 +91,7 @@ fn a_damaged_inertial_unit_costs_no_event() {
     write_inertial_samples(&path);
     done(&folder, "info a.h5 --check");
     let mut bytes = std::fs::read(&path).unwrap();
-    // The events fill no page.
+    // The middle of the file holds samples.
     let page = bytes.len() / 2 / 4096 * 4096;
     bytes[page..page + 4096].fill(0);
     std::fs::write(&path, &bytes).unwrap();

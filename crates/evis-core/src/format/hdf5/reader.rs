@@ -237,8 +237,8 @@ impl Recording {
             let rows = usize::try_from(count).unwrap_or(usize::MAX);
             source.fits(count.saturating_mul(2 * size_of::<PoseSample>() as u64), "its list of poses")?;
             let times: Vec<i64> = source.slice(&times, 0, count)?;
-            let position: Vec<f64> = source.check(name, position.read_slice(&[0, 0], &[rows, 3]))?;
-            let rotation: Vec<f64> = source.check(name, rotation.read_slice(&[0, 0], &[rows, 4]))?;
+            let position: Vec<f64> = source.column(name, position.read_slice(&[0, 0], &[rows, 3]))?;
+            let rotation: Vec<f64> = source.column(name, rotation.read_slice(&[0, 0], &[rows, 4]))?;
             let poses = times.iter().zip(position.as_chunks().0).zip(rotation.as_chunks().0);
             Ok(poses.map(|((&t_us, &position), &rotation)| PoseSample { t_us, position, rotation }).collect())
         })
@@ -270,9 +270,9 @@ impl Recording {
             return Err(FormatError::invalid(&self.path, what, format!("it has {known}")));
         }
         with_file(&self.path, |source| {
-            let times = source.dataset(&format!("imus/{name}/t_us"))?;
-            let values =
-                ["accelerometer", "gyroscope"].map(|part| source.dataset(&format!("imus/{name}/{part}")));
+            let at = format!("imus/{name}");
+            let times = source.dataset(&format!("{at}/t_us"))?;
+            let values = ["accelerometer", "gyroscope"].map(|part| source.dataset(&format!("{at}/{part}")));
             let [accelerometer, gyroscope] = values;
             let (accelerometer, gyroscope) = (accelerometer?, gyroscope?);
             let mut count = source.rows(&times, name)?;
@@ -285,8 +285,8 @@ impl Recording {
             let rows = usize::try_from(count).unwrap_or(usize::MAX);
             source.fits(count.saturating_mul(2 * size_of::<ImuSample>() as u64), "its list of samples")?;
             let times: Vec<i64> = source.slice(&times, 0, count)?;
-            let force: Vec<f64> = source.check(name, accelerometer.read_slice(&[0, 0], &[rows, 3]))?;
-            let rate: Vec<f64> = source.check(name, gyroscope.read_slice(&[0, 0], &[rows, 3]))?;
+            let force: Vec<f64> = source.column(&at, accelerometer.read_slice(&[0, 0], &[rows, 3]))?;
+            let rate: Vec<f64> = source.column(&at, gyroscope.read_slice(&[0, 0], &[rows, 3]))?;
             let samples = times.iter().zip(force.as_chunks().0).zip(rate.as_chunks().0);
             let sample = |((&t_us, &accelerometer), &gyroscope)| ImuSample { t_us, accelerometer, gyroscope };
             Ok(samples.map(sample).collect())
@@ -379,7 +379,7 @@ impl Recording {
             let t_us: Vec<i64> = source.slice(&times, 0, rows)?;
             let rows = usize::try_from(rows).unwrap_or(usize::MAX);
             let mut read = columns.iter().map(|(column, width)| {
-                source.check(at, column.read_slice::<f64>(&[0, 0, 0], &[rows, count, *width]))
+                source.column(at, column.read_slice::<f64>(&[0, 0, 0], &[rows, count, *width]))
             });
             let mut next = || read.next().unwrap_or_else(|| Ok(Vec::new()));
             let (position, rotation, linear, angular) = (next()?, next()?, next()?, next()?);
@@ -638,7 +638,7 @@ impl Source<'_> {
         damaged(self.path, what)
     }
 
-    /// Parts that do not fit together, which a repair can put right.
+    /// Parts that cannot be read or do not fit together, which a repair can put right.
     fn out_of_step(&self, what: impl Into<String>) -> FormatError {
         FormatError::corrupt(
             self.path,
@@ -649,6 +649,11 @@ impl Source<'_> {
 
     pub fn check<T>(&self, name: &str, result: Result<T, Hdf5Error>) -> Result<T, FormatError> {
         result.map_err(|e| self.damaged(format!("{name}: {e}")))
+    }
+
+    /// What was read of rows, which a repair can drop.
+    fn column<T>(&self, name: &str, result: Result<T, Hdf5Error>) -> Result<T, FormatError> {
+        result.map_err(|e| self.out_of_step(format!("{name}: {e}")))
     }
 
     /// Whether the root group has `name`. A damaged group has a link, and is missing from the list of groups.
@@ -692,7 +697,7 @@ impl Source<'_> {
             return Ok(Vec::new());
         }
         self.fits((count as u64).saturating_mul(size_of::<T>() as u64), "a data set")?;
-        self.check("a column", dataset.read_slice(&[from], &[count]))
+        self.column("a column", dataset.read_slice(&[from], &[count]))
     }
 
     pub fn scalar<T: H5Type>(&self, name: &str) -> Result<T, FormatError> {
