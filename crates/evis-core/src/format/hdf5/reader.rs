@@ -336,7 +336,8 @@ impl Recording {
             source.fits(count.saturating_mul(row).saturating_mul(2), "its states")?;
             let rows = usize::try_from(count).unwrap_or(usize::MAX);
             let t_us: Vec<i64> = source.slice(&times, 0, count)?;
-            let values = source.check(name, values.read_slice(&[0, 0], &[rows, names.len()]))?;
+            let values =
+                source.column(&format!("states/{name}"), values.read_slice(&[0, 0], &[rows, names.len()]))?;
             Ok(StateSamples { names, t_us, values })
         })
     }
