@@ -54,14 +54,15 @@ def test_names_in_files_reach_no_terminal(
     evis.save(path, sim.stream(duration=0.01))
     recording = evis.load(path)
     assert recording.cameras[0].name == NAME
-    shown = [repr(value) for value in (recording, recording.views[NAME], recording.cameras)]
-    for use in (lambda: recording.views["zz"], lambda: evis.Simulator(made, cameras=["zz"])):
+    shown = [repr(value) for value in (recording, recording[NAME], recording.cameras)]
+    for use in (lambda: recording["zz"], lambda: evis.Simulator(made, cameras=["zz"])):
         with pytest.raises((evis.EvisError, KeyError)) as raised:
             use()
         shown.append(str(raised.value))
     assert not any(map(obeyed, shown)), shown
-    for command in ("plot", "view"):
-        assert _commands.run(command, [str(path), "--camera", "zz", "-o", str(tmp_path / "a.png")]) == 2
+    for command, output in (("plot", "-o"), ("view", "--save")):
+        target = str(tmp_path / f"a.{command}")
+        assert _commands.run(command, [str(path), "--camera", "zz", output, target]) == 2
     out, err = capsys.readouterr()
     assert not obeyed(out)
     assert not obeyed(err.replace("\r", ""))

@@ -659,6 +659,7 @@ class Writer:
         )
         for each in self._paths:
             _check_free(each, overwrite)
+        self._names = self._paths
         self._camera_index = {camera.name: index for index, camera in enumerate(simulator.cameras)}
         self._writers: list[_evis.Writer] = []
         self._event_writers: list[_evis.EventFileWriter] = []
@@ -666,8 +667,8 @@ class Writer:
 
     @property
     def paths(self) -> tuple[Path, ...]:
-        """The files, one per environment."""
-        return self._paths
+        """The files, one per environment; also once they are closed."""
+        return self._names
 
     def _open(self) -> list[_evis.Writer]:
         # Not before the first packet is there: a run that fails at once leaves no file and keeps an old one.
