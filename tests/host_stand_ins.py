@@ -142,6 +142,27 @@ def torch_or_stand_in(patch: pytest.MonkeyPatch) -> None:
         patch.setitem(sys.modules, "torch", module)
 
 
+class OnCard:
+    """A tensor on a graphics card, as far as a host sees it."""
+
+    device = "cuda:0"
+
+    def __init__(self, array: npt.NDArray[Any]) -> None:
+        self._array = array
+
+    def __dlpack_device__(self) -> tuple[int, int]:
+        return (2, 0)
+
+    def detach(self) -> OnCard:
+        return self
+
+    def cpu(self) -> npt.NDArray[Any]:
+        return self._array.copy()
+
+    def __array__(self, *_: Any, **__: Any) -> npt.NDArray[Any]:
+        raise TypeError("can't convert cuda:0 device type tensor to numpy")
+
+
 class ProxyArray:
     """A tensor behind `.torch`, as outputs are from 3.0 on; taken for a tensor, it would warn."""
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
+from host_stand_ins import OnCard
 
 import evis
 
@@ -148,24 +149,6 @@ class Tensor:
 
     def __dlpack_device__(self) -> tuple[int, int]:
         return self.device
-
-
-class OnCard:
-    """A tensor on a graphics card, as far as a host sees it."""
-
-    device = "cuda:0"
-
-    def __init__(self, array: npt.NDArray[Any]) -> None:
-        self._array = array
-
-    def __dlpack_device__(self) -> tuple[int, int]:
-        return (2, 0)
-
-    def detach(self) -> OnCard:
-        return self
-
-    def cpu(self) -> npt.NDArray[Any]:
-        return self._array.copy()
 
 
 def test_tensors_on_a_card_are_copied_and_warned_of_once() -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import pytest
-from host_stand_ins import HEIGHT, WIDTH, Outputs, sliding
+from host_stand_ins import HEIGHT, WIDTH, OnCard, Outputs, sliding
 
 import evis
 from evis.gbuffer import (
@@ -244,24 +244,6 @@ class Proxy:
 
     def __getattr__(self, name: str) -> Any:
         raise AssertionError(f"{name}: a proxy is asked for its tensor, and nothing else")
-
-
-class OnCard:
-    """A tensor on a graphics card, as far as a host sees it."""
-
-    device = "cuda:0"
-
-    def __init__(self, array: npt.NDArray[Any]) -> None:
-        self._array = array
-
-    def detach(self) -> OnCard:
-        return self
-
-    def cpu(self) -> npt.NDArray[Any]:
-        return self._array.copy()
-
-    def __array__(self, *_: Any, **__: Any) -> npt.NDArray[Any]:
-        raise TypeError("can't convert cuda:0 device type tensor to numpy")
 
 
 @pytest.mark.filterwarnings("error:camera. tensors are on")

@@ -289,7 +289,7 @@ def test_lights_and_lenses_are_drawn_with_each_episode(device: evis.Device) -> N
     batch.reset(seed=3)
 
     def focal_lengths() -> list[float]:
-        # A reset of all with a seed starts a simulator anew.
+        # A reset of all with a seed starts another simulator.
         return [batch._batch.simulator.cameras_of(environment)[0].fx for environment in range(2)]
 
     first = focal_lengths()

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 import evis
+from evis._rotations import difference, interpolated
 
 mujoco = pytest.importorskip("mujoco")
 
@@ -675,13 +676,11 @@ def test_rotations_and_what_lies_between_poses():
     first, last = (rng.normal(size=(5, 3, 7)) for _ in range(2))
     for poses in (first, last):
         poses[..., 3:] /= np.linalg.norm(poses[..., 3:], axis=-1, keepdims=True)
-    whole = evis.mujoco._difference(first, last)
-    assert np.allclose(evis.mujoco._interpolated(first, last, 0.0), first)
-    end = evis.mujoco._interpolated(first, last, 1.0)
+    whole = difference(first, last)
+    assert np.allclose(interpolated(first, last, 0.0), first)
+    end = interpolated(first, last, 1.0)
     assert np.allclose(np.abs((end[..., 3:] * last[..., 3:]).sum(axis=-1)), 1)
-    assert np.allclose(
-        evis.mujoco._difference(first, evis.mujoco._interpolated(first, last, 0.25)), 0.25 * whole
-    )
+    assert np.allclose(difference(first, interpolated(first, last, 0.25)), 0.25 * whole)
     for a, b, turn in zip(first.reshape(-1, 7), last.reshape(-1, 7), whole.reshape(-1, 6), strict=True):
         own = np.empty(3)
         # MuJoCo's difference is in the first one's own axes.

@@ -218,8 +218,6 @@ class EventEmulator(Generic[Out]):
         self._colours = (*self._frame, 3)
         # Kinds of warnings that were given.
         self._warned: set[str] = set()
-        # What was copied from another device and is not said yet.
-        self._transfers = Copies()
         self._emulator = _evis.EventEmulator(
             **{name: value for name, value in self._settings.items() if name != "labels"}
             | {"batch": self._settings["batch"] or 1, "causes": CAUSE in wanted},
@@ -305,9 +303,8 @@ class EventEmulator(Generic[Out]):
             If shape, dtype, time or transfer cannot be used, or light is negative or infinite. Nothing has
             changed then.
         """
-        if self._transfers.size:  # of a push that failed
-            self._transfers = Copies()
-        array, copied = _as_array(frames, transfers=self._transfers)
+        transfers = None if type(frames) is np.ndarray else Copies()
+        array, copied = _as_array(frames, transfers=transfers)
         if array.shape == self._frame:
             channels = 1
         else:
@@ -325,8 +322,8 @@ class EventEmulator(Generic[Out]):
             gamma=_check.number("gamma", gamma),
         )
         self._begun = True
-        if self._transfers.size:
-            self._say_transfers()
+        if transfers is not None:
+            self._warn_of(transfers)
         return self._made(lists, int(copied))
 
     def push_keyframe(
@@ -425,32 +422,25 @@ class EventEmulator(Generic[Out]):
         border = 2 * (settings["margin"] or 0)
         size_hw: tuple[int, int] = (self.height + border, self.width + border)
         shape: tuple[int, ...] = size_hw if self.batch is None else (self.batch, *size_hw)
-        if self._transfers.size:  # of a push that failed
-            self._transfers = Copies()
-        light, copies = _picture(
-            "hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16), self._transfers
-        )
+        transfers = Copies()
+        light, copies = _picture("hdr", hdr, shape, (1, 3), (np.float32, np.uint8, np.uint16), transfers)
         if transfer is None:
             transfer = "linear" if light.dtype == np.float32 else "srgb"
         depths = np.empty(0, np.float32)
         if depth is not None:
-            depths, copied = _picture("depth", depth, shape, (1,), transfers=self._transfers)
+            depths, copied = _picture("depth", depth, shape, (1,), transfers=transfers)
             copies += copied
         motion = fields = forward = None
         if motion_vectors is None and motion_steps is None:
             raise ConfigError("motion_vectors is None; it must be an array where motion_steps is not given")
         if motion_vectors is not None:
-            motion, copied = _picture(
-                "motion_vectors", motion_vectors, shape, (2,), transfers=self._transfers
-            )
+            motion, copied = _picture("motion_vectors", motion_vectors, shape, (2,), transfers=transfers)
             copies += copied
         if motion_steps is not None:
-            fields, copied = _motion_steps(motion_steps, shape, self._transfers)
+            fields, copied = _motion_steps(motion_steps, shape, transfers)
             copies += copied
         if motion_forward is not None:
-            forward, copied = _picture(
-                "motion_forward", motion_forward, shape, (2,), transfers=self._transfers
-            )
+            forward, copied = _picture("motion_forward", motion_forward, shape, (2,), transfers=transfers)
             copies += copied
         channels = light.size // math.prod(shape)
         size = 1 if self.batch is None else self.batch
@@ -476,8 +466,7 @@ class EventEmulator(Generic[Out]):
                 if kind not in self._warned:
                     self._warned.add(kind)
                     warnings.warn(text, stacklevel=2)
-        if self._transfers.size:
-            self._say_transfers()
+        self._warn_of(transfers)
         return self._made(lists, copies)
 
     @property
@@ -494,16 +483,11 @@ class EventEmulator(Generic[Out]):
             return None
         return reports[0] if self.batch is None else reports
 
-    def _say_transfers(self) -> None:
+    def _warn_of(self, transfers: Copies) -> None:
         """Warn once of what is copied from another device with each push."""
-        moved, self._transfers = self._transfers, Copies()
-        if "transfers" not in self._warned:
+        if transfers.size and "transfers" not in self._warned:
             self._warned.add("transfers")
-            warnings.warn(
-                f"tensors are on {moved.device}, and events are made on the CPU: each push copies "
-                f"{moved.size / 1e6:.1f} MB ({1e3 * moved.seconds:.1f} ms this time)",
-                stacklevel=3,
-            )
+            warnings.warn(transfers.in_words("push"), stacklevel=3)
 
     def _made(self, lists: list[npt.NDArray[np.void]], copies: int) -> Out:
         self._copies = (copies, self._copies[1] + copies)

@@ -20,6 +20,13 @@ class Copies:
         self.seconds = 0.0
         self.device = ""
 
+    def in_words(self, unit: str) -> str:
+        """Say where arrays were, and what each `unit` takes: a push, a keyframe."""
+        return (
+            f"tensors are on {self.device}, and events are made on the CPU: each {unit} copies "
+            f"{self.size / 1e6:.1f} MB ({1e3 * self.seconds:.1f} ms this time)"
+        )
+
     def take(self, what: str, values: Any) -> npt.NDArray[Any]:
         if isinstance(values, np.ndarray):
             return values

@@ -331,11 +331,7 @@ class EventPipeline:
         self._set_last_events(events)
         self._check_still(light, motion, held)
         if copies.size:
-            self._warn(
-                "copy",
-                f"{self._name}: tensors are on {copies.device}, and events are made on the CPU: each "
-                f"keyframe copies {copies.size / 1e6:.1f} MB ({1e3 * copies.seconds:.1f} ms this time)",
-            )
+            self._warn("copy", f"{self._name}: {copies.in_words('keyframe')}")
         return list(events)
 
     def record(self, recorder: EpisodeRecorder) -> None:

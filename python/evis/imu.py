@@ -15,6 +15,7 @@ import numpy.typing as npt
 from . import _check, _evis
 from ._builder import SceneBuilder
 from ._evis import ConfigError
+from ._rotations import difference, interpolated, turned_back
 from ._scene import Scene, raw_of
 
 GRAVITY = (0.0, -9.80665, 0.0)
@@ -166,7 +167,7 @@ def from_poses(
 
     The scene of a `Simulator` with ``poses`` knows nothing of where a host has put its nodes, so `simulate`
     measures a body at rest there. Between two poses positions are cubics with the velocities at both ends,
-    given or those of parabolas through neighbouring poses, and rotations turn at one rate.
+    given or those of the cubic spline through all poses, and the rotation has one rate.
 
     Parameters
     ----------
@@ -243,7 +244,7 @@ def from_poses(
     at_us = measured.t_us[begun]
     acceleration, turn, rate = _motion_at(at_us * 1e-6, ends_s, places, speeds)
     pull = np.array([_check.number("gravity", value) for value in gravity])
-    force = _turned_back(turn, acceleration - pull)
+    force = turned_back(turn, acceleration - pull)
     return ImuSamples(at_us, force + measured.accelerometer[begun], rate + measured.gyroscope[begun])
 
 
@@ -294,27 +295,5 @@ def _motion_at(
     acceleration = (12 * u - 6) * (places[k, :3] - places[k + 1, :3]) / length**2 + (
         (6 * u - 4) * speeds[k] + (6 * u - 2) * speeds[k + 1]
     ) / length
-    begin, end = places[k, 3:], places[k + 1, 3:].copy()
-    end[(begin * end).sum(axis=1) < 0] *= -1.0  # the shorter way round
-    # begin^-1 end, as axis times angle.
-    w = (begin * end).sum(axis=1)
-    v = begin[:, 3:] * end[:, :3] - end[:, 3:] * begin[:, :3] - np.cross(begin[:, :3], end[:, :3])
-    sine = np.linalg.norm(v, axis=1)
-    angle = 2.0 * np.arctan2(sine, w)
-    axis = v / np.maximum(sine, 1e-300)[:, None]
-    half = 0.5 * u[:, 0] * angle
-    part = np.column_stack([axis * np.sin(half)[:, None], np.cos(half)])
-    turn = np.column_stack(
-        [
-            begin[:, 3:] * part[:, :3] + part[:, 3:] * begin[:, :3] + np.cross(begin[:, :3], part[:, :3]),
-            begin[:, 3] * part[:, 3] - (begin[:, :3] * part[:, :3]).sum(axis=1),
-        ]
-    )
-    return acceleration, turn, axis * angle[:, None] / length
-
-
-def _turned_back(turn: npt.NDArray[np.float64], vectors: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
-    """Turn vectors of the world into the axes of bodies."""
-    axis, w = -turn[:, :3], turn[:, 3:]
-    across = 2.0 * np.cross(axis, vectors)
-    return vectors + w * across + np.cross(axis, across)
+    turn = interpolated(places[k], places[k + 1], u)[:, 3:]
+    return acceleration, turn, turned_back(turn, difference(places[k], places[k + 1])[:, 3:] / length)

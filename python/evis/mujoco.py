@@ -33,6 +33,7 @@ from ._evis import ConfigError, srgb_table
 from ._glb import Glb
 from ._packets import CameraInfo, Packet
 from ._poses import NodePoses
+from ._rotations import difference, interpolated
 from ._scene import EventCamera, Scene
 from ._sensor import Sensor
 from ._shapes import Triangles
@@ -654,7 +655,7 @@ class EventRenderer:
         had_moved, self._has_moved = self._has_moved, new.followed.copy()
         if not new.followed.any():
             return
-        moved = _difference(last.poses, new.poses)
+        moved = difference(last.poses, new.poses)
         bend = moved - self._moved
         self._moved = moved
         # Of an environment that has just begun everything is asked for.
@@ -687,14 +688,14 @@ class EventRenderer:
             mujoco.mj_integratePos(self._model, own, new.qvel[environment], after_s)
         mocap = last.mocap[envs]
         if mocap.size:
-            mocap = _interpolated(mocap, new.mocap[envs], share[:, None, None])
+            mocap = interpolated(mocap, new.mocap[envs], share[:, None, None])
         poses, _ = self._kinematics.poses(qpos, mocap, None)
         # A free camera moves by the caller's hand, evenly.
         free = self._kinematics.free
         if free:
             first, end = last.poses[envs][:, free], new.poses[envs][:, free]
             moves = not np.array_equal(first, end)
-            poses[:, free] = _interpolated(first, end, share[:, None, None]) if moves else first
+            poses[:, free] = interpolated(first, end, share[:, None, None]) if moves else first
         return poses
 
     def _between(self, last: _Seen, new: _Seen, envs: Indices, reach: Array) -> None:
@@ -705,7 +706,7 @@ class EventRenderer:
             middle_us = (from_us + to_us) // 2
             poses = self._at(last, new, envs, middle_us)
             share = ((middle_us - from_us) / (to_us - from_us))[:, None, None]
-            off = _difference(_interpolated(first, end, share), poses)
+            off = difference(interpolated(first, end, share), poses)
             more = (self._pixels(off, reach) > _TOLERANCE_PX) & (middle_us > from_us)
             if not more.any():
                 break
@@ -767,7 +768,7 @@ class EventRenderer:
     def _at_portion(self, older: _Seen, seen: _Seen, t_us: int) -> Array:
         """Poses between two states, (E, N, 7)."""
         share = (t_us - older.t_us) / (seen.t_us - older.t_us)
-        poses = _interpolated(older.poses, seen.poses, share)
+        poses = interpolated(older.poses, seen.poses, share)
         envs = np.flatnonzero(seen.followed)
         if envs.size:
             poses[envs] = self._at(older, seen, envs, np.full(envs.size, t_us))
@@ -1091,42 +1092,6 @@ def _tendon_ways(objects: list[int], start: int, count: int) -> tuple[dict[int, 
             outside += 1
     real = [k for k in range(start, start + count) if objects[k] != -2]
     return ways, real[-1] if real else -1
-
-
-#: Products of quaternions (x, y, z, w) by one, or its conjugate, from the right, as matrices of its numbers.
-_NUMBERS = np.array([[3, 2, 1, 0], [2, 3, 0, 1], [1, 0, 3, 2], [0, 1, 2, 3]])
-_PRODUCT = np.array([[1.0, 1, -1, 1], [-1, 1, 1, 1], [1, -1, 1, 1], [-1, -1, -1, 1]])
-_CONJUGATE = np.array([[1.0, -1, 1, -1], [1, 1, -1, -1], [-1, 1, 1, -1], [1, 1, 1, 1]])
-
-
-def _multiplied(a: Array, b: Array, signs: Array = _PRODUCT) -> Array:
-    """Product of quaternions (x, y, z, w); with `_CONJUGATE` by the conjugate of `b`."""
-    return np.asarray((b.take(_NUMBERS, axis=-1) * signs @ a[..., None])[..., 0])
-
-
-def _turn(first: Array, last: Array) -> Array:
-    """Rotation vector in the world from one quaternion (x, y, z, w) to another, by the short way."""
-    between = _multiplied(last, first, _CONJUGATE)
-    vector, cosine = between[..., :3], between[..., 3:]
-    sine = np.sqrt(np.einsum("...i,...i->...", vector, vector))[..., None]
-    angle = 2 * np.arctan2(sine, np.abs(cosine))
-    length = np.where(sine > 1e-12, angle / np.maximum(sine, 1e-300), 2.0)
-    return np.asarray(vector * np.copysign(length, cosine))
-
-
-def _difference(first: Array, last: Array) -> Array:
-    """Metres and rotation vector from one pose to another, (…, 6)."""
-    return np.concatenate([last[..., :3] - first[..., :3], _turn(first[..., 3:], last[..., 3:])], axis=-1)
-
-
-def _interpolated(first: Array, last: Array, share: float | Array) -> Array:
-    """Pose between two: straight on, and an even turn. `share` is of the way, (…, 1) as an array."""
-    way = share * _turn(first[..., 3:], last[..., 3:])
-    angle = np.sqrt(np.einsum("...i,...i->...", way, way))[..., None]
-    half = np.where(angle > 1e-12, np.sin(angle / 2) / np.maximum(angle, 1e-300), 0.5)
-    turn = np.concatenate([half * way, np.cos(angle / 2)], axis=-1)
-    position = first[..., :3] + share * (last[..., :3] - first[..., :3])
-    return np.concatenate([position, _multiplied(turn, first[..., 3:])], axis=-1)
 
 
 def _step_us(model: Any, rate_hz: Any) -> int:

@@ -9,7 +9,7 @@ use rust_hdf5::{DatatypeMessage, FilterPipeline, H5File, H5Group, H5Type, Hdf5Er
 use super::units::describe;
 use super::{
     BodyInfo, EVENTS_PER_CHUNK, GZIP_LEVEL, LAYOUT_VERSION, LabelType, RESERVED_NAMES, RecordingHeader,
-    StateInfo, has_other_time,
+    StateInfo, has_other_time, hash_text, is_group_name,
 };
 use crate::format::FormatError;
 use crate::packet::{CameraInfo, LabelKind};
@@ -36,13 +36,7 @@ pub(super) fn check_header(path: &Path, header: &RecordingHeader) -> Result<(), 
     }
     for (i, camera) in header.cameras.iter().enumerate() {
         let name = &camera.name;
-        let usable = !name.is_empty()
-            && name != "."
-            && name != ".."
-            && !name.contains(['/', '\0'])
-            && name.len() <= 255
-            && !RESERVED_NAMES.contains(&name.as_str());
-        if !usable {
+        if !is_group_name(name) || RESERVED_NAMES.contains(&name.as_str()) {
             return invalid(
                 format!("{name:?} cannot name a camera"),
                 "use a name without slash, other than events, ms_to_idx, t_offset, truth, imus, bodies, states and evis",
@@ -229,9 +223,7 @@ pub(super) fn lay_out_states(file: &H5File, states: &[StateInfo]) -> Result<(), 
     for StateInfo { name, values } in states {
         let group = group.create_group(name)?;
         strings(&group, "names", &values.iter().map(String::as_str).collect::<Vec<_>>())?;
-        let hash = StateInfo::hash(values);
-        let kind = DatatypeMessage::fixed_string_utf8(hash.len() as u32);
-        group.set_attr_typed("names_hash", kind, hash.into_bytes())?;
+        store_hash(&group, "names_hash", StateInfo::hash(values))?;
         rows::<i64>(&group, "t_us", ROWS_PER_CHUNK, &[])?;
         // Chunks of a MiB or so.
         let per_chunk = (EVENTS_PER_CHUNK / values.len()).clamp(1, ROWS_PER_CHUNK);
@@ -275,10 +267,7 @@ pub(super) fn lay_out_bodies(
         let corners: Vec<f64> = bodies.iter().flat_map(|body| body.bounds[side]).collect();
         values(&group, name, &corners, &[count, 3])?;
     }
-    // As text, since numbers among the attributes of a group cannot be read back.
-    let hash = format!("{:016x}", BodyInfo::hash(bodies));
-    let kind = DatatypeMessage::fixed_string_utf8(hash.len() as u32);
-    group.set_attr_typed("bodies_hash", kind, hash.into_bytes())?;
+    store_hash(&group, "bodies_hash", BodyInfo::hash(bodies))?;
     // Chunks of a MiB or so, however many bodies there are.
     let per_chunk = (EVENTS_PER_CHUNK / count).clamp(1, ROWS_PER_CHUNK);
     rows::<i64>(&group, "t_us", ROWS_PER_CHUNK, &[])?;
@@ -286,6 +275,13 @@ pub(super) fn lay_out_bodies(
     rows::<f64>(&group, "rotation_xyzw", per_chunk, &[count, 4])?;
     rows::<f64>(&group, "linear_velocity", per_chunk, &[count, 3])?;
     rows::<f64>(&group, "angular_velocity", per_chunk, &[count, 3])
+}
+
+/// A hash as an attribute: as text, since numbers among the attributes of a group cannot be read back.
+fn store_hash(group: &H5Group, name: &str, hash: u64) -> Result<(), Hdf5Error> {
+    let text = hash_text(hash);
+    let kind = DatatypeMessage::fixed_string_utf8(text.len() as u32);
+    group.set_attr_typed(name, kind, text.into_bytes())
 }
 
 /// A single value.

@@ -109,10 +109,7 @@ impl RecordingHeader {
     /// What a file keeps to know its scalars and texts by: FNV-1a over all of them, numbers as their bytes.
     fn hash(&self) -> u64 {
         let mut fnv = Fnv::default();
-        let mut text = |text: &str| {
-            fnv.write(&(text.len() as u64).to_le_bytes());
-            fnv.write(text.as_bytes());
-        };
+        let mut text = |text: &str| write_text(&mut fnv, text);
         text(&self.method);
         text(&self.config_toml);
         for camera in &self.cameras {
@@ -134,6 +131,22 @@ impl RecordingHeader {
     }
 }
 
+/// Adds a text to a hash, its length first.
+fn write_text(fnv: &mut Fnv, text: &str) {
+    fnv.write(&(text.len() as u64).to_le_bytes());
+    fnv.write(text.as_bytes());
+}
+
+/// A hash as attributes have it.
+fn hash_text(hash: u64) -> String {
+    format!("{hash:016x}")
+}
+
+/// Whether a group of a file can have this name.
+fn is_group_name(name: &str) -> bool {
+    !name.is_empty() && !matches!(name, "." | "..") && !name.contains(['/', '\0']) && name.len() <= 255
+}
+
 /// Values of a host that are stored as they are given, so many at a time.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct StateInfo {
@@ -144,14 +157,11 @@ pub struct StateInfo {
 }
 
 impl StateInfo {
-    /// What a file keeps to know the names of its values by, as text: FNV-1a.
-    fn hash(values: &[String]) -> String {
+    /// What a file keeps to know the names of its values by: FNV-1a.
+    fn hash(values: &[String]) -> u64 {
         let mut fnv = Fnv::default();
-        for text in values {
-            fnv.write(&(text.len() as u64).to_le_bytes());
-            fnv.write(text.as_bytes());
-        }
-        format!("{:016x}", fnv.finish())
+        values.iter().for_each(|name| write_text(&mut fnv, name));
+        fnv.finish()
     }
 }
 
@@ -199,10 +209,8 @@ impl BodyInfo {
         let classes_are_stored = !Self::classes(bodies).is_empty();
         for body in bodies {
             let class = if classes_are_stored { body.semantic_name.as_str() } else { "" };
-            for text in [body.name.as_str(), class] {
-                fnv.write(&(text.len() as u64).to_le_bytes());
-                fnv.write(text.as_bytes());
-            }
+            write_text(&mut fnv, &body.name);
+            write_text(&mut fnv, class);
             fnv.write(&[body.instance_id, body.semantic_id].map(u32::to_le_bytes).concat());
             fnv.write(&body.bounds.as_flattened().iter().flat_map(|v| v.to_le_bytes()).collect::<Vec<_>>());
         }

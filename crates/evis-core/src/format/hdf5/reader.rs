@@ -11,7 +11,7 @@ use rust_hdf5::{H5Dataset, H5File, H5Type, Hdf5Error};
 
 use super::{
     Bodies, BodyInfo, BodySample, LARGEST_EXPANSION, LabelType, RESERVED_NAMES, RecordingHeader, StateInfo,
-    StateSamples, has_other_time,
+    StateSamples, has_other_time, hash_text,
 };
 use crate::event::{Cause, Event, Polarity, slice_time, take_causes};
 use crate::format::{FormatError, check_events};
@@ -249,13 +249,7 @@ impl Recording {
     /// # Errors
     /// A file that can no longer be read.
     pub fn imus(&self) -> Result<Vec<String>, FormatError> {
-        with_file(&self.path, |source| {
-            if !source.has("imus")? {
-                return Ok(Vec::new());
-            }
-            let group = source.check("imus", source.file.root_group().group("imus"))?;
-            source.check("imus", group.link_names())
-        })
+        with_file(&self.path, |source| source.names("imus"))
     }
 
     /// The samples of the inertial measurement unit `name`.
@@ -263,13 +257,8 @@ impl Recording {
     /// # Errors
     /// No such unit, or a file that can no longer be read.
     pub fn imu(&self, name: &str) -> Result<Vec<ImuSample>, FormatError> {
-        let known = self.imus()?;
-        if !known.iter().any(|other| other == name) {
-            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-            let what = format!("there is no inertial measurement unit {name:?}");
-            return Err(FormatError::invalid(&self.path, what, format!("it has {known}")));
-        }
         with_file(&self.path, |source| {
+            source.find("imus", name, "inertial measurement unit")?;
             let at = format!("imus/{name}");
             let times = source.dataset(&format!("{at}/t_us"))?;
             let values = ["accelerometer", "gyroscope"].map(|part| source.dataset(&format!("{at}/{part}")));
@@ -298,13 +287,7 @@ impl Recording {
     /// # Errors
     /// A file that can no longer be read.
     pub fn states(&self) -> Result<Vec<String>, FormatError> {
-        with_file(&self.path, |source| {
-            if !source.has("states")? {
-                return Ok(Vec::new());
-            }
-            let group = source.check("states", source.file.root_group().group("states"))?;
-            source.check("states", group.link_names())
-        })
+        with_file(&self.path, |source| source.names("states"))
     }
 
     /// The state `name`: what its values are, its times, and the values row by row.
@@ -312,17 +295,12 @@ impl Recording {
     /// # Errors
     /// No such state, or a file that can no longer be read.
     pub fn state(&self, name: &str) -> Result<StateSamples, FormatError> {
-        let known = self.states()?;
-        if !known.iter().any(|other| other == name) {
-            let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
-            let what = format!("there is no state {name:?}");
-            return Err(FormatError::invalid(&self.path, what, format!("it has {known}")));
-        }
         with_file(&self.path, |source| {
+            source.find("states", name, "state")?;
             let dataset = |part: &str| source.dataset(&format!("states/{name}/{part}"));
             let names = source.check(name, dataset("names")?.read_vlen_strings())?;
             let group = source.check(name, source.file.root_group().group(&format!("states/{name}")))?;
-            if source.check(name, group.attr_string("names_hash"))? != StateInfo::hash(&names) {
+            if source.check(name, group.attr_string("names_hash"))? != hash_text(StateInfo::hash(&names)) {
                 return Err(
                     source.damaged(format!("the names of states/{name} are not those that were written"))
                 );
@@ -625,7 +603,7 @@ fn body_infos(source: &Source<'_>) -> Result<Vec<BodyInfo>, FormatError> {
     // Files from before there was one have none.
     if source.check(at, group.attr_names())?.iter().any(|name| name == "bodies_hash") {
         let hash = source.check(at, group.attr_string("bodies_hash"))?;
-        if hash != format!("{:016x}", BodyInfo::hash(&infos)) {
+        if hash != hash_text(BodyInfo::hash(&infos)) {
             return Err(source.damaged(
                 "the names, ids or boxes of its bodies are not those that were written (bodies_hash)",
             ));
@@ -661,6 +639,26 @@ impl Source<'_> {
     pub fn has(&self, name: &str) -> Result<bool, FormatError> {
         let links = self.check("/", self.file.root_group().link_names())?;
         Ok(links.iter().any(|link| link == name))
+    }
+
+    /// Names of the groups in `folder` of the root group; none where it is not there.
+    fn names(&self, folder: &str) -> Result<Vec<String>, FormatError> {
+        if !self.has(folder)? {
+            return Ok(Vec::new());
+        }
+        let group = self.check(folder, self.file.root_group().group(folder))?;
+        self.check(folder, group.link_names())
+    }
+
+    /// Whether `folder` has the group `name`, `what` it is of.
+    fn find(&self, folder: &str, name: &str, what: &str) -> Result<(), FormatError> {
+        let known = self.names(folder)?;
+        if known.iter().any(|other| other == name) {
+            return Ok(());
+        }
+        let known = if known.is_empty() { "none".to_owned() } else { known.join(", ") };
+        let what = format!("there is no {what} {name:?}");
+        Err(FormatError::invalid(self.path, what, format!("it has {known}")))
     }
 
     pub fn dataset(&self, name: &str) -> Result<H5Dataset, FormatError> {

@@ -13,7 +13,10 @@ use super::layout::{
     LATEST_US, check_header, creation_error, is_narrow, lay_out, lay_out_bodies, lay_out_imus, lay_out_states,
 };
 use super::store::{FileState, Store};
-use super::{BodyInfo, BodySample, EVENTS_PER_CHUNK, LabelType, RecordingHeader, StateInfo, has_other_time};
+use super::{
+    BodyInfo, BodySample, EVENTS_PER_CHUNK, LabelType, RecordingHeader, StateInfo, has_other_time,
+    is_group_name,
+};
 use crate::event::{Cause, Event};
 use crate::format::FormatError;
 use crate::packet::{CameraInfo, ImuSample, LabelData, LabelFrame, LabelKind, PoseSample};
@@ -676,8 +679,7 @@ impl Drop for RecordingWriter {
 /// Checks names of groups, each of which may stand once; `one` and `many` are what they are of.
 fn check_names(path: &Path, [one, many]: [&str; 2], names: &[&str]) -> Result<(), FormatError> {
     for (i, name) in names.iter().enumerate() {
-        let usable = !name.is_empty() && !name.contains(['/', '\0']) && !matches!(*name, "." | "..");
-        if !usable || name.len() > 255 {
+        if !is_group_name(name) {
             let what = format!("{name:?} cannot name {one}");
             return Err(FormatError::invalid(path, what, "use a name without slash"));
         }
