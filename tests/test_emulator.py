@@ -171,6 +171,7 @@ def test_tensors_on_a_card_are_copied_and_warned_of_once() -> None:
     assert emulator.report.copies == 3
 
 
+@pytest.mark.filterwarnings("error:tensors are on")
 def test_dlpack_tensors_are_read_in_place() -> None:
     emulator, reference = evis.EventEmulator(40, 30), evis.EventEmulator(40, 30)
     for k in range(3):
