@@ -40,6 +40,8 @@ const MOST_FINER: u32 = 3;
 const SMOOTH: f64 = 0.0015;
 /// Part by which 1/depth may change over a pixel whose texture is averaged along edges that it shares with others.
 const MOST_PERSPECTIVE: f64 = 0.015;
+/// Where shadows leave such a part of an area, base colour is averaged over what they leave.
+const PARTLY_LIT: std::ops::Range<f64> = 0.001..0.99;
 /// Places along either side of a footprint on a surface with maps, where there is no picture.
 const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.
@@ -583,11 +585,8 @@ impl<'a> Lighting<'a> {
         let lamps = 1 + self.own.len();
         let surface = self.world.facets[key.facet as usize].surface as usize;
         let base = self.answers[surface].mean_base.max(DVec3::splat(0.05));
-        let luminance = |node: &[[f32; 4]]| -> f64 {
-            let of = |v: &[f32; 4]| {
-                base.dot(DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))) + f64::from(v[3])
-            };
-            node.iter().map(of).sum()
+        let luminance = |v: &[f32; 4]| {
+            base.dot(DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))) + f64::from(v[3])
         };
         let shade = |x: f64, y: f64, out: &mut Vec<[f32; 4]>| {
             let place =
@@ -614,14 +613,20 @@ impl<'a> Lighting<'a> {
                 let (i, j) = (cell % intervals, cell / intervals);
                 middles.clear();
                 shade((f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * step, &mut middles);
-                let found = luminance(&middles);
                 let row = intervals + 1;
-                let around = [0, 1, row, row + 1].map(|o| {
-                    let at = (j * row + i + o) as usize * lamps;
-                    luminance(&nodes[at..at + lamps])
-                });
-                let expected = 0.25 * around.iter().sum::<f64>();
-                if (found - expected).abs() > SMOOTH * found.abs() {
+                let (mut whole, mut off) = (0.0, 0.0);
+                for (lamp, found) in middles.iter().enumerate() {
+                    let around = [0, 1, row, row + 1]
+                        .map(|o| luminance(&nodes[(j * row + i + o) as usize * lamps + lamp]));
+                    let (found, expected) = (luminance(found), 0.25 * around.iter().sum::<f64>());
+                    // What is below 0 counts as 0 where it is read.
+                    let bright = 0.25 * around.iter().map(|v| v.max(0.0)).sum::<f64>();
+                    if bright.max(found) > 0.0 {
+                        whole += bright.max(found);
+                        off += found - expected;
+                    }
+                }
+                if off.abs() > SMOOTH * whole {
                     smooth = false;
                     break;
                 }
@@ -632,7 +637,7 @@ impl<'a> Lighting<'a> {
         }
         let mut lit = 0;
         for (k, value) in nodes.iter().enumerate() {
-            if !k.is_multiple_of(lamps) && value.iter().any(|v| *v != 0.0) {
+            if !k.is_multiple_of(lamps) && value.iter().any(|v| *v > 0.0) {
                 lit |= 1 << (k % lamps - 1);
             }
         }
@@ -759,11 +764,47 @@ impl<'a> Lighting<'a> {
     #[inline(always)]
     fn luminance(&self, tile: &mut TileLight, part: &Part, at: &Instant, texel: Option<[f32; 4]>) -> f64 {
         let Part { slot, moments, .. } = *part;
-        let inverse = 1.0 / moments.area;
-        let place = part.sight.place(part.frame.point(moments.first.map(|v| v * inverse)));
         let facet = part.sight.facet as usize;
         let answer = &self.answers[self.world.facets[facet].surface as usize];
         let look = &self.looks[facet];
+        let (place, base) = self.base_color(part, texel);
+        if let Some(mapped) = &answer.maps {
+            return moments.area * self.of_maps(tile, mapped, part, at, look.texture.map(|_| base));
+        }
+        let glow = answer.waveform.map_or(1.0, |w| w.factor(at.t_s));
+        if tile.slots[slot].unlit {
+            return moments.area * glow * material::LUMINANCE.dot(base);
+        }
+        let of = |base: DVec3, r: [f64; 4]| base.x * r[0] + base.y * r[1] + base.z * r[2] + r[3];
+        let mut sum = answer.glow * glow + of(base, self.interpolate(tile, slot, place, at.u, 0));
+        for number in 0..self.own.len() {
+            if tile.slots[slot].lit >> number & 1 == 0 {
+                continue;
+            }
+            let (strength, lit) = self.arriving(tile, part, at, number);
+            if strength <= 0.0 {
+                continue;
+            }
+            // What the lamp reaches may look otherwise than the rest.
+            let (place, base) = match &lit {
+                Some(lit) if PARTLY_LIT.contains(&(lit.area / moments.area)) => {
+                    self.base_color(&Part { moments: lit, ..*part }, None)
+                }
+                _ => (place, base),
+            };
+            sum += strength * of(base, self.interpolate(tile, slot, place, at.u, 1 + number)).max(0.0);
+        }
+        moments.area * sum
+    }
+
+    /// The (s, t) of a part's centroid, and the mean of base colour over the part; `texel` is that of its texture, where it is
+    /// known.
+    #[inline(always)]
+    fn base_color(&self, part: &Part, texel: Option<[f32; 4]>) -> ([f64; 2], DVec3) {
+        let moments = part.moments;
+        let inverse = 1.0 / moments.area;
+        let place = part.sight.place(part.frame.point(moments.first.map(|v| v * inverse)));
+        let look = &self.looks[part.sight.facet as usize];
         let mut base = look.base;
         if look.shaded {
             base += look.base_along[0] * place[0] + look.base_along[1] * place[1];
@@ -772,25 +813,7 @@ impl<'a> Lighting<'a> {
             let texel = texel.unwrap_or_else(|| self.texel(part, texture));
             base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
         }
-        if let Some(mapped) = &answer.maps {
-            return moments.area * self.of_maps(tile, mapped, part, at, look.texture.map(|_| base));
-        }
-        let glow = answer.waveform.map_or(1.0, |w| w.factor(at.t_s));
-        if tile.slots[slot].unlit {
-            return moments.area * glow * material::LUMINANCE.dot(base);
-        }
-        let of = |r: [f64; 4]| base.x * r[0] + base.y * r[1] + base.z * r[2] + r[3];
-        let mut sum = answer.glow * glow + of(self.interpolate(tile, slot, place, at.u, 0));
-        for number in 0..self.own.len() {
-            if tile.slots[slot].lit >> number & 1 == 0 {
-                continue;
-            }
-            let strength = self.arriving(tile, part, at, number);
-            if strength > 0.0 {
-                sum += strength * of(self.interpolate(tile, slot, place, at.u, 1 + number));
-            }
-        }
-        moments.area * sum
+        (place, base)
     }
 
     #[inline(always)]

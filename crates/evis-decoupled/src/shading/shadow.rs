@@ -9,7 +9,7 @@ use glam::{DVec3, Vec4};
 
 use crate::scene::contour::area;
 use crate::scene::tiles::{PixelFrame, TILE, TileView};
-use crate::visibility::coverage::{Corners, Cutter, PIXEL, Polygons};
+use crate::visibility::coverage::{Corners, Cutter, Moments, PIXEL, Polygons, moments};
 use crate::visibility::fragment::Line;
 use crate::visibility::lists::powers;
 use crate::visibility::mask;
@@ -394,29 +394,43 @@ pub struct Lit {
     cutter: Cutter,
 }
 
+/// What no shadow reaches.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Reached {
+    /// Part of the area.
+    pub part: f64,
+    /// Where that is, if shadows are cut out of the area and leave some of it.
+    pub lit: Option<Moments>,
+}
+
+impl Reached {
+    const ALL: Self = Self { part: 1.0, lit: None };
+    const NOTHING: Self = Self { part: 0.0, lit: None };
+}
+
 impl Lit {
-    /// Part of what a fragment covers of a pixel (all of it where `regions` is `None`) that no shadow
-    /// reaches; `shadows` are their half planes.
+    /// What of a fragment's part of a pixel (all of it where `regions` is `None`) no shadow reaches; `shadows` are their half
+    /// planes.
     pub fn part<'o>(
         &mut self,
         regions: Option<(&Polygons, u32)>,
         shadows: impl Iterator<Item = &'o [Line; 5]>,
         frame: &PixelFrame,
-    ) -> f64 {
+    ) -> Reached {
         self.shadows.clear();
         for lines in shadows {
             if let Some(shadow) = Shadow::at(lines, frame) {
                 if shadow.count == 0 {
-                    return 0.0;
+                    return Reached::NOTHING;
                 }
                 self.shadows.push(shadow);
             }
         }
         if self.shadows.is_empty() {
-            return 1.0;
+            return Reached::ALL;
         }
         if self.shadows.len() > FEW {
-            return self.counted(regions);
+            return Reached { part: self.counted(regions), lit: None };
         }
         self.lit.clear();
         let whole = match regions {
@@ -439,11 +453,15 @@ impl Lit {
             }
             std::mem::swap(&mut self.lit, &mut self.rest);
             if self.lit.is_empty() {
-                return 0.0;
+                return Reached::NOTHING;
             }
         }
-        let lit: f64 = self.lit.iter().map(|p| area(p.1)).sum();
-        (lit / whole.max(1e-12)).clamp(0.0, 1.0)
+        let mut lit = Moments::default();
+        for (_, polygon) in self.lit.iter() {
+            lit.add(&moments(polygon));
+        }
+        let part = (lit.area / whole.max(1e-12)).clamp(0.0, 1.0);
+        Reached { part, lit: (part < 1.0).then_some(lit) }
     }
 
     /// The same by samples.

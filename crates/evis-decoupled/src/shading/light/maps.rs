@@ -48,9 +48,10 @@ impl Lighting<'_> {
                 |channel: usize, value: f64| out[end * planes + channel / 4][channel % 4] = value as f32;
             let mut diffuse = 0.0;
             for (channel, response) in responses[..=lamps].iter().enumerate() {
-                let proportional = response.linear.dot(base);
+                // Lamps behind the surface are below 0.
+                let proportional = response.linear.dot(base).max(0.0);
                 diffuse += proportional;
-                set(channel, proportional + response.constant);
+                set(channel, proportional + response.constant.max(0.0));
             }
             set(channels - 2, material::LUMINANCE.dot(base));
             set(channels - 1, diffuse);
@@ -183,7 +184,7 @@ impl Lighting<'_> {
             let light = value(1 + number);
             whole += light;
             if light > 0.0 {
-                sum += self.arriving(tile, part, at, number) * light;
+                sum += self.arriving(tile, part, at, number).0 * light;
             }
         }
         let [luma, diffuse] = [channels - 2, channels - 1].map(value);

@@ -12,8 +12,9 @@ use crate::Error;
 use crate::scene::facets::{ALONE, wide};
 use crate::scene::tiles::{TILE, TileView};
 use crate::shading::material::{self, Lamp};
-use crate::shading::shadow::{Beam, Hull, Occluder, ScreenLamp, Tree, misses};
+use crate::shading::shadow::{Beam, Hull, Occluder, Reached, ScreenLamp, Tree, misses};
 use crate::visibility::blocks::Clock;
+use crate::visibility::coverage::Moments;
 use crate::visibility::fragment::Sight;
 use crate::visibility::lists::Record;
 
@@ -493,22 +494,30 @@ impl Lighting<'_> {
         tile.line_starts[index] as usize - 1
     }
 
-    /// What of lamp `number`'s light arrives on a part: its strength times the part that no shadow reaches.
+    /// What of lamp `number`'s light arrives on a part: its strength times the part of the area that no shadow reaches, and
+    /// where that is.
     #[inline(always)]
-    pub(super) fn arriving(&self, tile: &mut TileLight, part: &Part, at: &Instant, number: usize) -> f64 {
+    pub(super) fn arriving(
+        &self,
+        tile: &mut TileLight,
+        part: &Part,
+        at: &Instant,
+        number: usize,
+    ) -> (f64, Option<Moments>) {
         let slot = part.slot;
         let lamp = &self.lamps[0][self.own[number]];
         let strength = lamp.waveform.map_or(1.0, |w| w.factor(at.t_s));
         let shade = tile.slots[slot].shades[number];
         if shade.dark >> part.pixel & 1 == 1 {
-            return 0.0;
+            return (0.0, None);
         }
         if shade.touched >> part.pixel & 1 == 0 {
-            return strength;
+            return (strength, None);
         }
         let start = self.shadow_lines(tile, slot, number, at.moment, part.sight, at.u);
         let near = tile.occluders[shade.from..shade.to].iter().zip(&tile.lines[start..]);
         let near = near.filter(|(o, _)| o.0 >> part.pixel & 1 == 1).map(|(_, lines)| lines);
-        strength * tile.lit.part(part.regions, near, &part.frame)
+        let Reached { part, lit } = tile.lit.part(part.regions, near, &part.frame);
+        (strength * part, lit)
     }
 }

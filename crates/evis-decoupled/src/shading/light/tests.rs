@@ -89,7 +89,7 @@ fn nothing_that_darkens_is_left_out(
                 let mut regions = Polygons::default();
                 regions.push(0, polygon.corners());
                 let some: Vec<[Line; 5]> = some.iter().map(lines).collect();
-                Lit::default().part(Some((&regions, 0)), some.iter(), &frame)
+                Lit::default().part(Some((&regions, 0)), some.iter(), &frame).part
             };
             let brute = part(others().collect());
             let found = if dark { 0.0 } else { part(kept.clone()) };
