@@ -8,6 +8,7 @@
 
 mod maps;
 mod shadows;
+mod times;
 
 use std::collections::HashMap;
 use std::hash::BuildHasher;
@@ -24,13 +25,15 @@ use crate::image::texture::{Cells, Textures};
 use crate::scene::facets::{Facet, bounding_box, wide};
 use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
 use crate::scene::world::{Frame, World};
-use crate::shading::material::{self, Around, Lamp, Point, Response, respond};
+use crate::shading::material::{self, Around, Lamp, Response, respond};
 use crate::shading::pages::{Pages, Picture};
 use crate::shading::shadow::{Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::visibility::blocks::{Block, Clock};
 use crate::visibility::coverage::{Moments, Polygon, Polygons};
 use crate::visibility::fragment::{Line, Sight};
 use crate::visibility::lists::{Entry, Record};
+
+use self::times::{FacetAt, Times};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
@@ -139,15 +142,17 @@ pub struct Lighting<'a> {
     factors: Vec<MaterialFactors>,
     /// Per light, as kept cells were lit.
     lights: Vec<LightFactors>,
-    /// Lamps and frames at both ends of the block.
+    /// Lamps and frames at both ends of the block, and between.
     lamps: [Vec<Lamp>; 2],
     frames: Option<[Frame; 2]>,
+    times: Times,
     /// Indices of lamps whose light is kept apart: they throw shadows, or their strength changes.
     own: Vec<usize>,
     /// Per surface, vertices in the world at both ends; still ones are found once.
     corners: Vec<[Corners; 2]>,
     /// Per surface with maps, tangents and signs of bitangents, likewise.
     tangents: Vec<[Vec<(DVec3, f64)>; 2]>,
+    /// Keys of the block's start and end.
     borders: [u64; 2],
     patches: Vec<Map<Patch>>,
     shadowed: Vec<Map<Shadowed>>,
@@ -267,8 +272,12 @@ struct Slot {
     /// First cell that is kept, and how many along s and t.
     first: [f64; 2],
     count: [usize; 2],
-    /// First patch in [`TileLight::patches`], of the block's start and of its end.
-    at: [usize; 2],
+    /// First patch in [`TileLight::patches`].
+    at: usize,
+    /// Intervals of the block between whose ends light is interpolated; 0 where it does not change.
+    intervals: u32,
+    /// Widths of highlights that go by during the block.
+    lobes: f64,
     /// Lamps of which some arrives.
     lit: u8,
     shades: [Shade; MOST_OWN],
@@ -287,7 +296,7 @@ struct Slot {
     level: [u32; 2],
     /// Pixels that may see it.
     touches: u64,
-    /// Whether it was decided on its picture, and its number in [`TileLight::pictures`].
+    /// Whether it was decided on its pictures, one per interval, and the number of the first in [`TileLight::pictures`].
     pictured: bool,
     picture: Option<u32>,
 }
@@ -361,6 +370,7 @@ impl<'a> Lighting<'a> {
             shared: Arc::clone(shared),
             lamps: Default::default(),
             frames: None,
+            times: Times::default(),
             own: Vec::new(),
             corners: Vec::new(),
             tangents: Vec::new(),
@@ -422,10 +432,10 @@ impl<'a> Lighting<'a> {
             }
         }
         self.frames = Some(frames);
+        self.times = Times::new(*block);
         self.prepare_shadows(clock, first)?;
         // At a jump, what held before the border does not hold after it.
-        let key = |t: f64, after: bool| ((t * 16.0) as u64) << 1 | u64::from(after) | 1 << 63;
-        self.borders = [key(block.start_us, block.jump), key(block.end_us, false)];
+        self.borders = [times::key(block.start_us, block.jump), times::key(block.end_us, false)];
         for shard in &mut self.patches {
             let map = shard.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
             map.retain(|key, _| key.border == 0 || self.borders.contains(&key.border));
@@ -465,7 +475,8 @@ impl<'a> Lighting<'a> {
         }
         if !tile.slots[slot].pictured && !tile.once {
             tile.slots[slot].pictured = true;
-            tile.slots[slot].picture = self.picture(tile, record, index);
+            let intervals = tile.slots[slot].intervals;
+            tile.slots[slot].picture = self.pictures(tile, record, index, intervals);
         }
     }
 
@@ -474,6 +485,11 @@ impl<'a> Lighting<'a> {
     pub fn changes_of(&self, tile: &TileLight, slot: usize) -> (bool, f64, u64) {
         let slot = &tile.slots[slot];
         (slot.still, slot.motion, slot.moved)
+    }
+
+    /// Widths of highlights that go by on entry `slot` during the block.
+    pub fn lobes(&self, tile: &TileLight, slot: usize) -> f64 {
+        tile.slots[slot].lobes
     }
 
     /// The highest frequency of a sine by which light of entry `slot` changes, in hertz of the scene's clock.
@@ -519,27 +535,27 @@ impl<'a> Lighting<'a> {
             let last = (high[k] * slot.cells[k]).ceil().min(slot.cells[k]) - 1.0;
             (last - slot.first[k]).max(0.0) as usize + 1
         });
-        let changes = self.changes(surface);
-        slot.still &= !changes;
+        if self.changes(surface) {
+            slot.still = false;
+            (slot.intervals, slot.lobes) = self.intervals(record.facet, [low, high], front);
+        }
         let mapped = answer.maps.is_some();
         if mapped {
             // A normal map may face any lamp.
             slot.lit = ((1_u16 << self.own.len()) - 1) as u8;
         }
-        for end in 0..if mapped { 0 } else { self.ends(surface) } {
-            slot.at[end] = tile.patches.len();
-            let border = if changes { self.borders[end] } else { 0 };
+        slot.at = tile.patches.len();
+        for time in 0..if mapped { 0 } else { slot.intervals + 1 } {
+            let (border, u) = self.moment_of(time, slot.intervals);
+            let facet = self.facet_at(record.facet, front, u);
             for j in 0..slot.count[1] {
                 for i in 0..slot.count[0] {
                     let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
-                    let patch = self.patch(Key::new(record.facet, level, index, front, border), end);
+                    let patch = self.patch(Key::new(record.facet, level, index, front, border), &facet);
                     slot.lit |= patch.lit;
                     tile.patches.push(patch);
                 }
             }
-        }
-        if !changes {
-            slot.at[1] = slot.at[0];
         }
         for (number, &lamp) in self.own.iter().enumerate() {
             if slot.lit >> number & 1 == 1 {
@@ -556,11 +572,7 @@ impl<'a> Lighting<'a> {
         slot
     }
 
-    /// Of how many ends of a block light is kept apart.
-    fn ends(&self, surface: usize) -> usize {
-        if self.changes(surface) { 2 } else { 1 }
-    }
-
+    /// Whether light of a surface depends on time, but for the strength of lamps.
     fn changes(&self, surface: usize) -> bool {
         self.answers[surface].follows_view && self.camera_moves
             || self.world.surfaces[surface].moves
@@ -568,20 +580,20 @@ impl<'a> Lighting<'a> {
     }
 
     /// Light of a cell, shaded where nobody has.
-    fn patch(&self, key: Key, end: usize) -> Arc<Patch> {
+    fn patch(&self, key: Key, facet: &FacetAt) -> Arc<Patch> {
         let shard = &self.patches[shard_of(&key)];
         let lock = || shard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
         if let Some(known) = lock().get(&key) {
             return known.clone();
         }
         // Whoever comes second computes the same: a cell's light depends on its key alone.
-        let patch = Arc::new(self.shade_patch(&key, end));
+        let patch = Arc::new(self.shade_patch(&key, facet));
         lock().insert(key, patch.clone());
         patch
     }
 
     /// Shades a cell at ever more nodes, until light in the middle between nodes is what these say.
-    fn shade_patch(&self, key: &Key, end: usize) -> Patch {
+    fn shade_patch(&self, key: &Key, facet: &FacetAt) -> Patch {
         let lamps = 1 + self.own.len();
         let surface = self.world.facets[key.facet as usize].surface as usize;
         let base = self.answers[surface].mean_base.max(DVec3::splat(0.05));
@@ -591,7 +603,7 @@ impl<'a> Lighting<'a> {
         let shade = |x: f64, y: f64, out: &mut Vec<[f32; 4]>| {
             let place =
                 [0, 1].map(|k| (f64::from(key.index[k]) + [x, y][k]) / f64::from(1_u32 << key.level[k]));
-            self.shade(key.facet, place, key.level[2] == 1, end, out);
+            self.shade(facet, place, out);
         };
         let (mut nodes, mut middles) = (Vec::new(), Vec::new());
         let mut intervals = 1_u32;
@@ -644,37 +656,13 @@ impl<'a> Lighting<'a> {
         Patch { intervals, nodes: nodes.into(), lit }
     }
 
-    fn shade(&self, facet: u32, place: [f64; 2], front: bool, end: usize, out: &mut Vec<[f32; 4]>) {
+    fn shade(&self, facet: &FacetAt, place: [f64; 2], out: &mut Vec<[f32; 4]>) {
         self.shaded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        let point = self.point(facet, place, front, end);
         let pack =
             |r: &Response| [r.linear.x as f32, r.linear.y as f32, r.linear.z as f32, r.constant as f32];
         let mut responses = [Response::default(); 1 + MOST_OWN];
-        respond(&point, &self.lamps[end], &self.own, &self.shared.around, &mut responses);
+        respond(&facet.point(place), facet.lamps, &self.own, &self.shared.around, &mut responses);
         out.extend(responses[..1 + self.own.len()].iter().map(pack));
-    }
-
-    /// A place (s, t) of a facet at an end of the block, without what maps say.
-    fn point(&self, facet: u32, [s, t]: [f64; 2], front: bool, end: usize) -> Point {
-        let f = &self.world.facets[facet as usize];
-        let surface = f.surface as usize;
-        let corners = &self.corners[surface][end];
-        let [a, b, _, d] = f.corners.map(|c| corners[c as usize]);
-        let blend = |a: DVec3, b: DVec3, d: DVec3| a + (b - a) * s + (d - a) * t;
-        let position = blend(a.0, b.0, d.0);
-        let side = if front { 1.0 } else { -1.0 };
-        let answer = &self.answers[surface];
-        let frame = self.frames.as_ref().map(|f| &f[end]);
-        Point {
-            model: answer.model,
-            position,
-            normal: blend(a.1, b.1, d.1).normalize_or(DVec3::Z) * side,
-            to_eye: frame.map_or(DVec3::Z, |f| (f.eye - position).normalize_or(DVec3::Z)),
-            metallic: answer.metallic,
-            roughness: answer.roughness,
-            occlusion: answer.occlusion,
-            mean_base: answer.mean_base,
-        }
     }
 
     /// Mean of the texture of entry `part.slot` over `part.moments`.
@@ -826,9 +814,10 @@ impl<'a> Lighting<'a> {
             cell[k] = (at as usize).min(slot.count[k] - 1);
             within[k] = at - cell[k] as f64;
         }
-        let number = cell[1] * slot.count[0] + cell[0];
-        let at = |end: usize| {
-            let patch = &tile.patches[slot.at[end] + number];
+        let number = slot.at + cell[1] * slot.count[0] + cell[0];
+        let (interval, part) = times::interval_of(u, slot.intervals);
+        let at = |time: u32| {
+            let patch = &tile.patches[number + time as usize * slot.count[0] * slot.count[1]];
             let intervals = patch.intervals as usize;
             let node = |k: usize| {
                 let at = within[k] * intervals as f64;
@@ -848,12 +837,12 @@ impl<'a> Lighting<'a> {
             }
             sum
         };
-        let a = at(0);
-        if slot.at[0] == slot.at[1] {
+        let a = at(interval);
+        if slot.intervals == 0 {
             return a.map(f64::from);
         }
-        let b = at(1);
-        [0, 1, 2, 3].map(|k| f64::from(a[k]) + (f64::from(b[k]) - f64::from(a[k])) * u)
+        let b = at(interval + 1);
+        [0, 1, 2, 3].map(|k| f64::from(a[k]) + (f64::from(b[k]) - f64::from(a[k])) * part)
     }
 
     /// Whether what lies behind everything is the same everywhere and always.

@@ -220,6 +220,27 @@ fn direct(point: &Point, lamp: &Lamp, both_sides: bool, out: &mut Response) {
     mix.add(out, light / PI, light * (distribution * visibility), 1.0 - grazing, grazing);
 }
 
+/// Angle between normal and half vector at which a highlight has a quarter of its peak.
+pub fn lobe_width(roughness: f64) -> f64 {
+    (roughness * roughness).max(LEAST_ALPHA)
+}
+
+/// The half vector of a lamp less the normal: the highlight is brightest where that is 0.
+pub fn from_highlight(point: &Point, lamp: &Lamp) -> DVec3 {
+    let (to_light, _) = lamp.incident(point.position);
+    (point.to_eye + to_light).normalize_or(point.normal) - point.normal
+}
+
+/// How much a highlight counts beside diffuse light, as a factor on how finely it is to be followed: what is off falls with
+/// its square.
+pub fn lobe_weight(point: &Point) -> f64 {
+    let dielectric = LUMINANCE.dot(point.mean_base) * (1.0 - point.metallic);
+    let f0 = 0.04 * (1.0 - point.metallic) + LUMINANCE.dot(point.mean_base) * point.metallic;
+    // At its peak, seen and lit along the normal: D = 1 / (pi alpha^2), V = 1 / 4.
+    let peak = 0.25 * f0 / lobe_width(point.roughness).powi(2);
+    (peak / (peak + dielectric).max(1e-9)).sqrt()
+}
+
 fn indirect(point: &Point, around: &Around, out: &mut Response) {
     let ambient = around.ambient * point.occlusion;
     let environment = around.surroundings.as_ref();

@@ -27,6 +27,8 @@ const MOST_SUMS: usize = 3 << 20;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 struct Key {
     record: u32,
+    /// Which interval of how many.
+    interval: [u32; 2],
     index: [i32; 2],
 }
 
@@ -61,7 +63,8 @@ impl Pages {
         render: impl FnOnce([f64; 4], &mut Vec<[f32; 4]>) -> Option<Keyframe>,
     ) -> Option<(&Keyframe, &[[f32; 4]])> {
         let index = facet.index(place);
-        let number = match self.known.get(&Key { record: facet.record, index }) {
+        let key = Key { record: facet.record, interval: [facet.interval, facet.intervals], index };
+        let number = match self.known.get(&key) {
             Some(number) => *number,
             None => {
                 let page = facet.rect(index).and_then(|rect| render(rect, &mut self.sums));
@@ -69,7 +72,7 @@ impl Pages {
                     self.keyframes.push(page);
                     self.keyframes.len() as u32 - 1
                 });
-                self.known.insert(Key { record: facet.record, index }, number);
+                self.known.insert(key, number);
                 number
             }
         };
@@ -85,6 +88,11 @@ pub struct Picture {
     pub image_from_facet: DMat3,
     /// The camera sees its outside.
     pub front: bool,
+    /// The part of the block whose light it has, and of how many; the whole block's, of light that does not change, where there
+    /// are none.
+    pub interval: u32,
+    /// How many parts of the block have pictures of their own.
+    pub intervals: u32,
     /// Left top corner of the page 0, 0.
     origin: DVec2,
     /// What can be seen of it: left top and right bottom corners.
@@ -117,7 +125,21 @@ impl Picture {
             origin = low;
             alone = [extent.x <= ALONE * SIDE, extent.y <= ALONE * SIDE];
         }
-        Some(Self { record: index, image_from_facet, front: sight.front, origin, seen, alone })
+        Some(Self {
+            record: index,
+            image_from_facet,
+            front: sight.front,
+            interval: 0,
+            intervals: 0,
+            origin,
+            seen,
+            alone,
+        })
+    }
+
+    /// The same, of the light of part `interval` of `intervals` of the block.
+    pub fn during(self, interval: u32, intervals: u32) -> Self {
+        Self { interval, intervals, ..self }
     }
 
     #[inline(always)]

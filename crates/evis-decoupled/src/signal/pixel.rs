@@ -208,7 +208,9 @@ impl Evaluator<'_> {
                 let (still, motion, moved) = self.lighting.changes_of(&work.light, slot);
                 activity.still &= still && record.still;
                 activity.periods = activity.periods.max(block_s * self.lighting.sine_hz(&work.light, slot));
-                activity.motion_px = activity.motion_px.max(work.motion[slot]);
+                // A highlight bends light as an edge does in a pixel.
+                activity.motion_px =
+                    activity.motion_px.max(work.motion[slot]).max(self.lighting.lobes(&work.light, slot));
                 if moved >> pixel & 1 == 1 {
                     activity.motion_px = activity.motion_px.max(motion);
                     activity.still = false;

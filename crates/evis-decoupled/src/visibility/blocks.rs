@@ -31,7 +31,7 @@ const AFTER_US: f64 = 1e-5;
 const FIRST_US: f64 = 2048.0;
 
 /// A half-open interval of scene time within which nothing jumps.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Block {
     /// Start in microseconds.
     pub start_us: f64,
