@@ -121,7 +121,8 @@ class DeviceEvents(Sequence[EventArray]):
     def __getitem__(self, index: int | slice) -> EventArray | list[EventArray]:
         """Return events of an environment; the first time, all are copied to the CPU."""
         if self._copied is None:
-            events = np.empty(int(self.t.shape[0]), EventCD)
+            # What lies between the fields is 0 too, as in the engine's events.
+            events = np.zeros(int(self.t.shape[0]), EventCD)
             for name, column in zip("txyp", (self.t, self.x, self.y, self.p), strict=True):
                 events[name] = column.cpu().numpy()
             parts = np.split(events, self.offsets[1:-1].tolist())
@@ -134,5 +135,5 @@ class DeviceEvents(Sequence[EventArray]):
         return f"DeviceEvents({self.t.shape[0]} events of {len(self)} environments, {size}, {self.device})"
 
     def _pixels(self) -> Any:
-        """Number of each event's pixel among those of all environments, int64 (E,)."""
+        """Return the number of each event's pixel among those of all environments, int64 (E,)."""
         return (self.environments * self.height + self.y) * self.width + self.x

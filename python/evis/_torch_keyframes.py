@@ -1,11 +1,12 @@
 """Keyframes to events in PyTorch: warp and trigger where the renderer's tensors are.
 
 The algorithm is that of the engine's `EventEmulator.push_keyframe` (``emulator/keyframes`` and
-``emulator/ideal.rs`` of evis-core): the same float32 arithmetic in the same order, so that on a CPU the events
-are the same to the byte. Nearest surfaces and indices are maxima, which no order of threads changes. Only sums of
-``evis-paper`` (float64) depend on it on a graphics card, in their last bits.
+``emulator/ideal.rs`` of evis-core): the same float32 arithmetic in the same order, so that on a CPU the
+events are the same to the byte. Nearest surfaces and indices are maxima, which no order of threads changes.
+Only sums of ``evis-paper`` (float64) depend on it on a graphics card, in their last bits.
 
-Letters in shapes: N environments, M of them at once, S pixels of a keyframe (margin included), P of the sensor.
+Letters in shapes: N environments, M of them at once, S pixels of a keyframe (margin included), P of the
+sensor.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from ._check import shown
 from ._device_events import DeviceEvents
 from ._emulator import EventEmulator, KeyframeReport
 from ._evis import ConfigError
+from ._host_arrays import Copies, unwrapped
 from ._luminance import EXACT_WEIGHTS, SRGB_LIGHT
 from ._method import Warp
 from ._sensor import Sensor
@@ -83,7 +85,6 @@ class TorchKeyframes:
         If the sensor has other stages, or a value cannot be used.
     """
 
-    @torch.inference_mode(False)
     def __init__(
         self,
         num_envs: int,
@@ -118,8 +119,9 @@ class TorchKeyframes:
         self._device = torch.device(device)
         thresholds = np.array([sensor.threshold_on, sensor.threshold_off], np.float32)
         self._on, self._off = torch.from_numpy(thresholds).to(self._device)
-        self._reference = self._unseen()
-        self._log = self._unseen()
+        with torch.inference_mode(False):
+            self._reference = self._unseen()
+            self._log = self._unseen()
         self._started = np.zeros(num_envs, np.bool_)
         self._now_us: int | None = None
         self._last: _Keyframe | None = None
@@ -146,6 +148,14 @@ class TorchKeyframes:
             return False
         pairs = ((light.flatten(1), last.light), (motion, last.given))
         return all(torch.equal(_bits(new), _bits(old)) for new, old in pairs)
+
+    def check_device(self, what: str, values: Any) -> None:
+        """Raise `ConfigError` if a tensor is elsewhere."""
+        if values.device != self._device:
+            raise ConfigError(
+                f"{what} is on {values.device}; it must be on {self._device}, where events are made, or set "
+                "backend='engine'"
+            )
 
     @property
     def last_light(self) -> Any:
@@ -180,8 +190,6 @@ class TorchKeyframes:
         r, g, b = weights
         return r * light[..., 0] + g * light[..., 1] + b * light[..., 2]
 
-    @torch.inference_mode(False)
-    @torch.no_grad()
     def push(self, light: Any, depth: Any, motion: Any, t_us: int) -> DeviceEvents:
         """Take keyframes of one time; return the events since the last ones.
 
@@ -207,6 +215,11 @@ class TorchKeyframes:
             If a tensor is on another device, of another shape or type, light is negative or infinite, or the
             time cannot be used. Nothing has changed then.
         """
+        # What is kept must outlive a caller's inference mode, and has no history.
+        with torch.inference_mode(False), torch.no_grad():
+            return self._push(light, depth, motion, t_us)
+
+    def _push(self, light: Any, depth: Any, motion: Any, t_us: int) -> DeviceEvents:
         self._check(light, depth, motion)
         gap_us = self._gap_us(t_us)
         now, bad = self._read(light, depth, motion)
@@ -238,14 +251,13 @@ class TorchKeyframes:
         )
         return fired.packed(self._num_envs, self._size, t_us - gap_us, self._device)
 
-    @torch.inference_mode(False)
-    @torch.no_grad()
     def reset(self, environments: Iterable[int]) -> None:
         """Let environments start again with their next keyframe."""
         ids = list(environments)
         self._started[ids] = False
-        self._reference[ids] = math.nan
-        self._log[ids] = math.nan
+        with torch.inference_mode(False):
+            self._reference[ids] = math.nan
+            self._log[ids] = math.nan
 
     def _unseen(self) -> Any:
         pixels = self._size[0] * self._size[1]
@@ -262,10 +274,7 @@ class TorchKeyframes:
                 continue
             if not isinstance(values, torch.Tensor):
                 raise ConfigError(f"{what} is {shown(values)}; it must be a tensor on {self._device}")
-            if values.device != self._device:
-                raise ConfigError(
-                    f"{what} is on {values.device}; it must be on {self._device}, where events are made"
-                )
+            self.check_device(what, values)
             if tuple(values.shape) != wanted or values.dtype != torch.float32:
                 raise ConfigError(
                     f"{what} has shape {tuple(values.shape)} and dtype {values.dtype}; it must have {wanted} "
@@ -305,7 +314,7 @@ class TorchKeyframes:
         return np.where(motion_px > _UNDIVIDED_PX, steps, 1)
 
     def _read(self, light: Any, depth: Any, motion: Any) -> tuple[_Keyframe, list[Any]]:
-        """What is kept of a keyframe; depths and motion vectors that are none, int64 (N,) each."""
+        """Return what is kept of a keyframe; and how many depths and vectors are none, int64 (N,) each."""
         motion = motion.clone()
         flat = motion.flatten(1, 2)
         bad_motion = (~_is_motion(flat)).sum(1)
@@ -366,7 +375,7 @@ class TorchKeyframes:
         return unknown
 
     def _crop(self, light: Any) -> Any:
-        """The sensor's part of pictures (M, S): (M, P)."""
+        """Return the sensor's part (M, P) of pictures (M, S)."""
         (height, width), margin = self._size, self._margin
         if not margin:
             return light
@@ -428,6 +437,61 @@ class TorchKeyframes:
         reference.copy_(torch.where(torch.isnan(reference) & is_known, now, reference))
         log.copy_(torch.where(is_known, now, log))
         return (~is_known).sum(1)
+
+
+def as_tensor(what: str, values: Any, dtypes: Sequence[str] = ("float32",)) -> Any:
+    """Return tensors, proxies of them and arrays as a tensor where they are, of one of `dtypes`.
+
+    Floats of other sizes become float32.
+
+    Raises
+    ------
+    ConfigError
+        If it is neither, or of another dtype.
+    """
+    tensor = unwrapped(values)
+    if not isinstance(tensor, torch.Tensor):
+        array = np.ascontiguousarray(Copies().take(what, tensor))
+        tensor = torch.from_numpy(array if array.flags.writeable else array.copy())
+    given = tensor.dtype
+    if given.is_floating_point:
+        tensor = tensor.to(torch.float32)
+    if tensor.dtype not in [getattr(torch, name) for name in dtypes]:
+        name = str(given).removeprefix("torch.")
+        raise ConfigError(f"dtype of {what} is {name}; it must be {' or '.join(dtypes)}")
+    return tensor
+
+
+# What is asked of pictures of N environments, (N, H, W, C); answers are on the host.
+
+
+def any_depth(depth: Any) -> bool:
+    """Whether there is any depth, where there is one at all."""
+    return depth is not None and bool((torch.isfinite(depth) & (depth > 0)).any())
+
+
+def fastest(motion: Any) -> list[float]:
+    """Largest component of the motion vectors of each environment, 0 where none is known."""
+    return _numbers(motion.abs().nan_to_num(0.0, posinf=math.inf).flatten(1).amax(1))
+
+
+def speeds(motion: Any) -> list[float]:
+    """Sum of the components of the motion vectors of each environment."""
+    return _numbers(motion.abs().nan_to_num(0.0, posinf=0.0).flatten(1).sum(1))
+
+
+def known_shares(motion: Any) -> list[float]:
+    """Share of the motion vectors of each environment that are finite."""
+    return _numbers(torch.isfinite(motion).flatten(1).float().mean(1))
+
+
+def on_host(env: int, *pictures: Any) -> tuple[npt.NDArray[Any], ...]:
+    """Copy pictures of one environment to the CPU."""
+    return tuple(picture[env].cpu().numpy().copy() for picture in pictures)
+
+
+def _numbers(values: Any) -> list[float]:
+    return [float(value) for value in values.tolist()]
 
 
 @dataclass
@@ -554,8 +618,7 @@ def _exp(x: Any) -> Any:
     k = shifted - _MAGIC
     f = (x - k * _LN2_HIGH) + k * _LN2_LOW
     series = 1.0 + f * (
-        1.0
-        + f * (0.5 + f * (_inverse(6) + f * (_inverse(24) + f * (_inverse(120) + f * _inverse(720)))))
+        1.0 + f * (0.5 + f * (_inverse(6) + f * (_inverse(24) + f * (_inverse(120) + f * _inverse(720)))))
     )
     power = (shifted.view(torch.int32) - (_MAGIC_BITS - 127)) << 23
     return series * power.view(torch.float32)
@@ -577,7 +640,7 @@ def _may_be_one(a: Any, b: Any, part: float) -> Any:
 
 
 def _by_motion(motion: Any, variant: str) -> Any:
-    """What stands for nearness where depth is not known: how far pixels move."""
+    """Return what stands for nearness where depth is not known: how far pixels move."""
     length = torch.where(_is_motion(motion), _hypot(motion[..., 0], motion[..., 1]), 0.0)
     return length if variant == "evis-paper" else 1.0 + _NEARNESS_PER_PX * length
 
@@ -611,7 +674,7 @@ def _places(canvas: tuple[int, int], device: Any) -> tuple[Any, Any]:
 
 
 def _pixel_at(x: Any, y: Any, canvas: tuple[int, int]) -> tuple[Any, Any]:
-    """Number of the pixel nearest to a place, 0 where it is not in the picture, and whether it is."""
+    """Return the pixel nearest to a place, 0 where that is not in the picture, and whether it is."""
     x, y = (x + 0.5).floor(), (y + 0.5).floor()
     inside = (x >= 0) & (y >= 0) & (x < canvas[1]) & (y < canvas[0])
     at = torch.where(inside, y, 0.0).long() * canvas[1] + torch.where(inside, x, 0.0).long()
@@ -642,8 +705,8 @@ def _links(before: _Keyframe, now: _Keyframe, canvas: tuple[int, int]) -> Any:
 def _forward_motion(before: _Keyframe, now: _Keyframe, canvas: tuple[int, int]) -> Any:
     """Where the older keyframe's surfaces are at the newer one, (M, S, 2); NaN where that is not known.
 
-    The newer keyframe's vectors are turned around where both show the same surface; what the newer one does not
-    show goes on as before, or as its neighbours on the same surface do.
+    The newer keyframe's vectors are turned around where both show the same surface; what the newer one does
+    not show goes on as before, or as its neighbours on the same surface do.
     """
     there, _, found = _found_again(before, now, canvas)
     pixels = there.shape[1]
@@ -676,7 +739,8 @@ def _forward_motion(before: _Keyframe, now: _Keyframe, canvas: tuple[int, int]) 
 def _refined(source: Any, now: _Keyframe, canvas: tuple[int, int]) -> Any:
     """Vectors (M, S, 2) from older pixels, read where they lead to, turned around.
 
-    Between the newer picture's pixels of one surface; elsewhere the turned-around vector of `source` as it is.
+    Between the newer picture's pixels of one surface; elsewhere the turned-around vector of `source` as it
+    is.
     """
     height, width = canvas
     x, y = _places(canvas, source.device)
@@ -712,9 +776,7 @@ def _refined(source: Any, now: _Keyframe, canvas: tuple[int, int]) -> Any:
         goes_on = is_one
     # No motion turns around where the picture folds.
     folds = goes_on & ~(_hypot(motion_x - first_x, motion_y - first_y) < 1.0)
-    return torch.stack(
-        [torch.where(folds, first_x, motion_x), torch.where(folds, first_y, motion_y)], dim=-1
-    )
+    return torch.stack([torch.where(folds, first_x, motion_x), torch.where(folds, first_y, motion_y)], dim=-1)
 
 
 def _spread(flat: Any, unknown: Any, nearness: Any, canvas: tuple[int, int]) -> Any:
@@ -822,7 +884,7 @@ class _Splat(_Gap):
         return torch.where((a == b) | torch.isnan(a) | torch.isnan(b), b, light)
 
     def _seen(self, side: _SplatSide, part: Any, count: int) -> tuple[Any, Any]:
-        """Light (M, P) that a side shows when its pixels have gone `part` of their way, NaN where it shows none.
+        """Light (M, P) that a side shows when its pixels have gone `part` of their way, NaN where none is.
 
         And how near it is there, -1 where nothing is.
         """
