@@ -6,6 +6,7 @@ import subprocess
 import sys
 import types
 import warnings
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -29,6 +30,15 @@ LATCH = evis.Sensor(threshold_on=0.15, threshold_off=0.15, trigger="latch", log_
 
 Picture = npt.NDArray[np.float32]
 Keyframe = tuple[Picture, Picture, Picture, int]
+
+
+@pytest.fixture(autouse=True)
+def one_thread() -> Iterator[None]:
+    """Pictures are small: threads that wait for each other on a busy machine take longer."""
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(threads)
 
 
 def moving(

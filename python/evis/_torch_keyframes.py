@@ -812,155 +812,124 @@ class _Gap:
         margin: int,
         log_floor: float,
     ) -> None:
-        """Sides are older and newer: light and nearness (M, S), and motion (M, S, 2)."""
+        """Take older and newer side: light and nearness (M, S), and motion (M, S, 2)."""
         self._canvas, self._size, self._margin = canvas, size, margin
         self._floor = max(log_floor, float(np.float32(1e-30)))
-        self._sides = [self._side(*side) for side in sides]
+        # Both sides at once: half the operations, which is what small batches wait for on a graphics card.
+        light, nearness, motion = (torch.stack(pair) for pair in zip(*sides, strict=True))
+        goes = (light >= 0) & _is_motion(motion)
+        x, y = (torch.where(goes, motion[..., axis], 0.0) for axis in (0, 1))
+        self._prepare(light, nearness, goes, (x, y))
 
     def instant(self, elapsed: Any, count: int) -> Any:
         """Light (count, P) of the first environments at the parts `elapsed` (count,); NaN unknown."""
         raise NotImplementedError
 
-    def _side(self, light: Any, nearness: Any, motion: Any) -> Any:
+    def _prepare(self, light: Any, nearness: Any, goes: Any, motion: tuple[Any, Any]) -> None:
+        """Keep what instants need: all (2, M, S), older side first; what does not go somewhere moves by 0."""
         raise NotImplementedError
-
-
-@dataclass
-class _SplatSide:
-    """One keyframe of a gap, for `splat`: all (M, S)."""
-
-    light: Any
-    nearness: Any
-    x: Any
-    y: Any
-    """Motion, 0 where there is none."""
-    goes: Any
-    """Whether a pixel is splatted."""
-    plain: Any
-    """Whether all pixels within two of it show its surface, and are known."""
-    joined: tuple[Any, Any, Any, Any]
-    """Whether the pixel to the left, to the right, above and below is of its surface."""
 
 
 class _Splat(_Gap):
     """The nearest surface wins, and its light is read from its keyframe; neither side: unknown."""
 
-    def _side(self, light: Any, nearness: Any, motion: Any) -> _SplatSide:
-        goes = (light >= 0) & _is_motion(motion)
-        x, y = (torch.where(goes, motion[..., axis], 0.0) for axis in (0, 1))
-        joined = tuple(
-            _may_be_one(nearness, _shifted(nearness, self._canvas, down, right, -1.0), _SAME_SURFACE)
-            for down, right in ((0, -1), (0, 1), (-1, 0), (1, 0))
-        )
-        left, right, above, below = joined
-        return _SplatSide(
-            light, nearness, x, y, goes, self._plain(light, nearness), (left, right, above, below)
-        )
-
-    def _plain(self, light: Any, nearness: Any) -> Any:
-        height, width = self._canvas
-        if height <= 4 or width <= 4:
-            return torch.zeros_like(light, dtype=torch.bool)
-        is_known = light >= 0
-        least = torch.where(is_known, nearness, 0.0).unflatten(1, self._canvas)[:, None]
-        most = torch.where(is_known, nearness, math.inf).unflatten(1, self._canvas)[:, None]
-        least = -torch.nn.functional.max_pool2d(-least, 5, 1)
-        most = torch.nn.functional.max_pool2d(most, 5, 1)
-        inner = _may_be_one(least, most, _SAME_SURFACE)[:, 0]
-        return torch.nn.functional.pad(inner, (2, 2, 2, 2)).flatten(1)
+    def _prepare(self, light: Any, nearness: Any, goes: Any, motion: tuple[Any, Any]) -> None:
+        self._light, self._nearness, self._goes, self._motion = light, nearness, goes, motion
+        # Whether all pixels within two of a pixel show its surface, and are known.
+        self._plain = _plain(light.flatten(0, 1), nearness.flatten(0, 1), self._canvas).view_as(light)
+        # Whether the pixel to the left, to the right, above and below is of a pixel's surface.
+        flat = nearness.flatten(0, 1)
+        beside = [_shifted(flat, self._canvas, *way, -1.0) for way in ((0, -1), (0, 1), (-1, 0), (1, 0))]
+        self._joined = [_may_be_one(flat, other, _SAME_SURFACE).view_as(light) for other in beside]
 
     def instant(self, elapsed: Any, count: int) -> Any:
-        older, newer = self._sides
-        parts = (elapsed[:, None], (1.0 - elapsed)[:, None])
-        old, far = self._seen(older, parts[0], count)
-        new, near = self._seen(newer, parts[1], count)
+        (old, new), (far, near) = self._seen(torch.stack([elapsed, 1.0 - elapsed])[..., None], count)
         # Where a side shows nothing, its nearness is -1, and the other one's is not behind it.
         is_old = torch.isnan(new) | (near < far * _SAME_SURFACE) & ~torch.isnan(old)
         is_new = torch.isnan(old) | (far < near * _SAME_SURFACE) & ~torch.isnan(new)
-        a, b = torch.where(is_new, new, old), torch.where(is_old, old, new)
-        log_a, log_b = _ln(a + self._floor), _ln(b + self._floor)
+        pair = torch.stack([torch.where(is_new, new, old), torch.where(is_old, old, new)])
+        a, b = pair
+        log_a, log_b = _ln(pair + self._floor)
         light = _exp(log_a + (log_b - log_a) * elapsed[:, None]) - self._floor
         light = torch.where(light > 0, light, 0.0)
         return torch.where((a == b) | torch.isnan(a) | torch.isnan(b), b, light)
 
-    def _seen(self, side: _SplatSide, part: Any, count: int) -> tuple[Any, Any]:
-        """Light (M, P) that a side shows when its pixels have gone `part` of their way, NaN where none is.
+    def _seen(self, part: Any, count: int) -> tuple[Any, Any]:
+        """Light (2, M, P) that each side shows when its pixels have gone `part` of their way, NaN where none.
 
         And how near it is there, -1 where nothing is.
         """
         (height, width), canvas_width = self._size, self._canvas[1]
         pixels = height * width
-        nearness, goes = side.nearness[:count], side.goes[:count]
-        at = torch.arange(nearness.shape[1], device=nearness.device, dtype=torch.int32)
+        nearness, goes = self._nearness[:, :count], self._goes[:, :count]
+        at = torch.arange(nearness.shape[-1], device=nearness.device, dtype=torch.int32)
         column, row = at % canvas_width, at // canvas_width
         qx, qy = (
             ((place - self._margin) << _SUBPIXEL_BITS)
-            + (motion[:count] * part * float(_SUBPIXELS) + 0.5).floor().int()
-            for place, motion in ((column, side.x), (row, side.y))
+            + (motion[:, :count] * part * float(_SUBPIXELS) + 0.5).floor().int()
+            for place, motion in zip((column, row), self._motion, strict=True)
         )
-        left, right, above, below = (joined[:count] for joined in side.joined)
-        (bx, fx, gx), (by, fy, gy) = _taps(qx, left, right), _taps(qy, above, below)
+        left, right, above, below = (joined[:, :count] for joined in self._joined)
+        columns, rows = _taps(qx, left, right, width), _taps(qy, above, below, height)
         places, weights = [], []
-        for down, gy_or_fy in ((0, gy), (1, fy)):
-            for over, gx_or_fx in ((0, gx), (1, fx)):
-                x, y, weight = bx + over, by + down, gx_or_fx * gy_or_fy
-                inside = goes & (weight > 0) & (x >= 0) & (y >= 0) & (x < width) & (y < height)
-                places.append(torch.where(inside, y * width + x, pixels).long())
-                weights.append(weight)
-        depth = torch.full((count, pixels + 1), -1.0, dtype=torch.float32, device=nearness.device)
+        for y, weight_y, is_in_rows in rows:
+            for x, weight_x, is_in_columns in columns:
+                is_inside = goes & is_in_rows & is_in_columns
+                places.append(torch.where(is_inside, y * width + x, pixels).long())
+                weights.append(weight_x * weight_y)
+        shape, device = (2, count, pixels + 1), nearness.device
+        depth = torch.full(shape, -1.0, dtype=torch.float32, device=device)
         for place in places:
-            depth.scatter_reduce_(1, place, nearness, "amax")
-        bits = nearness.shape[1].bit_length()
+            depth.scatter_reduce_(-1, place, nearness, "amax")
+        bits = nearness.shape[-1].bit_length()
         most = (1 << (32 - bits)) - 1
         scale = float(np.float32(most) / np.float32(1 << (2 * _SUBPIXEL_BITS)))
-        word = torch.zeros((count, pixels + 1), dtype=torch.int64, device=nearness.device)
+        word = torch.zeros(shape, dtype=torch.int64, device=device)
         for place, weight in zip(places, weights, strict=True):
-            is_near = nearness >= depth.gather(1, place) * _SAME_SURFACE
+            is_near = nearness >= depth.gather(-1, place) * _SAME_SURFACE
             nearer = (weight.float() * scale).long().clamp(1, most)
-            word.scatter_reduce_(1, place, torch.where(is_near, (nearer << bits) | at, 0), "amax")
-        depth, word = depth[:, :pixels], word[:, :pixels]
+            word.scatter_reduce_(-1, place, torch.where(is_near, (nearer << bits) | at, 0), "amax")
+        depth, word = depth[..., :pixels], word[..., :pixels]
         is_seen = word > 0
-        source = word & ((1 << bits) - 1)
-        light = self._gathered(side, count, source, (qx, qy), is_seen)
+        light = self._gathered(count, word & ((1 << bits) - 1), (qx, qy), is_seen)
         return torch.where(is_seen, light, math.nan), torch.where(is_seen, depth, -1.0)
 
-    def _gathered(
-        self, side: _SplatSide, count: int, source: Any, places: tuple[Any, Any], is_seen: Any
-    ) -> Any:
-        """Light (M, P) of sources, read between their keyframe's pixels as far from them as the pixel is."""
+    def _gathered(self, count: int, source: Any, places: tuple[Any, Any], is_seen: Any) -> Any:
+        """Light (2, M, P) of sources, read between their keyframe's pixels as far away as the pixel is."""
         canvas_height, canvas_width = self._canvas
-        light, nearness = side.light[:count], side.nearness[:count]
-        pixel = torch.arange(source.shape[1], device=source.device, dtype=torch.int32)
+        light, nearness = self._light[:, :count], self._nearness[:, :count]
+        pixel = torch.arange(source.shape[-1], device=source.device, dtype=torch.int32)
         column, row = pixel % self._size[1], pixel // self._size[1]
-        dx = (column << _SUBPIXEL_BITS) - places[0].gather(1, source)
-        dy = (row << _SUBPIXEL_BITS) - places[1].gather(1, source)
+        dx = (column << _SUBPIXEL_BITS) - places[0].gather(-1, source)
+        dy = (row << _SUBPIXEL_BITS) - places[1].gather(-1, source)
         fx, fy = ((d & (_SUBPIXELS - 1)).float() * (1.0 / _SUBPIXELS) for d in (dx, dy))
         left = source % canvas_width + (dx >> _SUBPIXEL_BITS)
         top = source // canvas_width + (dy >> _SUBPIXEL_BITS)
-        first = (top - 1) * canvas_width + left - 1
-        rows = [
-            [
-                light.gather(1, (first + down * canvas_width + right).clamp(0, light.shape[1] - 1))
-                for right in range(4)
+        # Of what is plain, all sixteen are in the picture; the rest is read otherwise.
+        furthest = 3 * canvas_width + 3
+        if light.shape[-1] > furthest:
+            first = ((top - 1) * canvas_width + left - 1).clamp(0, light.shape[-1] - 1 - furthest)
+            lines = [
+                [light[..., down * canvas_width + right :].gather(-1, first) for right in range(4)]
+                for down in range(4)
             ]
-            for down in range(4)
-        ]
-        found = _cubic(rows, fx, fy)
-        rest = torch.nonzero(is_seen & ~side.plain[:count].gather(1, source))
-        env, p = rest[:, 0], rest[:, 1]
-        own = source[env, p]
-        fx, fy, left, top = fx[env, p], fy[env, p], left[env, p], top[env, p]
-        own_light, own_nearness = light[env, own], nearness[env, own]
+            found = _cubic(lines, fx, fy)
+        else:
+            found = torch.zeros_like(fx)
+        rest = torch.nonzero(is_seen & ~self._plain[:, :count].gather(-1, source), as_tuple=True)
+        side, env, _ = rest
+        own, fx, fy, left, top = (values[rest] for values in (source, fx, fy, left, top))
+        own_light, own_nearness = light[side, env, own], nearness[side, env, own]
         columns = [(left + right).clamp(0, canvas_width - 1) for right in (0, 1)]
-        lines = [(top + down).clamp(0, canvas_height - 1) * canvas_width for down in (0, 1)]
+        starts = [(top + down).clamp(0, canvas_height - 1) * canvas_width for down in (0, 1)]
 
         def beside(down: int, right: int) -> Any:
-            there = lines[down] + columns[right]
-            value = light[env, there]
-            is_one = _may_be_one(own_nearness, nearness[env, there], _SAME_SURFACE) & (value >= 0)
+            there = (side, env, starts[down] + columns[right])
+            value = light[there]
+            is_one = _may_be_one(own_nearness, nearness[there], _SAME_SURFACE) & (value >= 0)
             return torch.where(is_one, value, own_light)
 
-        found[env, p] = (
+        found[rest] = (
             (1.0 - fx) * (1.0 - fy) * beside(0, 0)
             + fx * (1.0 - fy) * beside(0, 1)
             + (1.0 - fx) * fy * beside(1, 0)
@@ -969,18 +938,37 @@ class _Splat(_Gap):
         return found
 
 
-def _taps(q: Any, before: Any, after: Any) -> tuple[Any, Any, Any]:
-    """Along an axis, the first pixel that places `q` lie at, and the weights of the next one and of it.
+def _plain(light: Any, nearness: Any, canvas: tuple[int, int]) -> Any:
+    """Whether all pixels within two of each one of pictures (M, S) are known, and of one surface."""
+    if min(canvas) <= 4:
+        return torch.zeros_like(light, dtype=torch.bool)
+    is_known = light >= 0
+    least = torch.where(is_known, nearness, 0.0).unflatten(1, canvas)[:, None]
+    most = torch.where(is_known, nearness, math.inf).unflatten(1, canvas)[:, None]
+    least = -torch.nn.functional.max_pool2d(-least, 5, 1)
+    most = torch.nn.functional.max_pool2d(most, 5, 1)
+    inner = _may_be_one(least, most, _SAME_SURFACE)[:, 0]
+    return torch.nn.functional.pad(inner, (2, 2, 2, 2)).flatten(1)
 
-    The pixel that a centre is not in has weight only where the keyframe shows the surface on that side too.
+
+def _taps(q: Any, before: Any, after: Any, size: int) -> list[tuple[Any, Any, Any]]:
+    """Along an axis of `size` pixels, the two that places `q` lie between.
+
+    Each with its weight, and whether it is in the picture and has any. The one that a centre is not in has
+    weight only where the keyframe shows the surface on that side too.
     """
+    first = q >> _SUBPIXEL_BITS
     f = q & (_SUBPIXELS - 1)
     g = _SUBPIXELS - f
     is_past_half = f >= _SUBPIXELS // 2
     reaches = torch.where(is_past_half, before, after)
     g = torch.where(reaches | ~is_past_half, g, 0)
     f = torch.where(reaches | is_past_half, f, 0)
-    return q >> _SUBPIXEL_BITS, f, g
+    second = first + 1
+    return [
+        (first, g, (g > 0) & (first >= 0) & (first < size)),
+        (second, f, (f > 0) & (second >= 0) & (second < size)),
+    ]
 
 
 def _catmull_rom(f: Any) -> tuple[Any, Any, Any, Any]:
@@ -1005,44 +993,30 @@ def _cubic(rows: list[list[Any]], fx: Any, fy: Any) -> Any:
     return torch.minimum(torch.maximum(total, least), most)
 
 
-@dataclass
-class _PaperSide:
-    """One keyframe of a gap, for `evis-paper`: all (M, S)."""
-
-    light: Any
-    importance: Any
-    """e^(12 nearness / largest nearness), float64; 0 where a pixel is not splatted."""
-    x: Any
-    y: Any
-
-
 class _Paper(_Gap):
     """Colours with softmax weights, newer keyframe first, older in its holes, black where neither."""
 
-    def _side(self, light: Any, nearness: Any, motion: Any) -> _PaperSide:
-        goes = (light >= 0) & _is_motion(motion)
-        x, y = (torch.where(goes, motion[..., axis], 0.0) for axis in (0, 1))
+    def _prepare(self, light: Any, nearness: Any, goes: Any, motion: tuple[Any, Any]) -> None:
         (height, width), margin = self._size, self._margin
-        seen = nearness.unflatten(1, self._canvas)
-        seen = seen[:, margin : margin + height, margin : margin + width]
-        largest = seen.amax((1, 2)).clamp(min=1e-30).double()[:, None]
+        seen = nearness.unflatten(2, self._canvas)
+        seen = seen[:, :, margin : margin + height, margin : margin + width]
+        largest = seen.amax((2, 3)).clamp(min=1e-30).double()[..., None]
         exponent = (nearness.double() * (_SHARPNESS / largest)).clamp(max=_MOST_EXPONENT)
-        return _PaperSide(
-            torch.where(goes, light, 0.0).double(), torch.where(goes, exponent.exp(), 0.0), x, y
-        )
+        # 0 where a pixel is not splatted.
+        self._importance = torch.where(goes, exponent.exp(), 0.0)
+        self._light, self._motion = torch.where(goes, light, 0.0).double(), motion
 
     def instant(self, elapsed: Any, count: int) -> Any:
-        older, newer = self._sides
         pixels = self._size[0] * self._size[1]
         # The last one is for what leaves the picture.
         sums = torch.zeros((2, count, pixels + 1), dtype=torch.float64, device=elapsed.device)
-        place, weight, light = self._moved(newer, (1.0 - elapsed)[:, None], count)
+        place, weight, light = self._moved(1, (1.0 - elapsed)[:, None], count)
         sums[0].scatter_add_(1, place, weight)
         sums[1].scatter_add_(1, place, weight * light)
         is_hole = sums[0] < _HOLE_BELOW
         is_hole[:, pixels] = False
         if bool(is_hole.any()):
-            place, weight, light = self._moved(older, elapsed[:, None], count)
+            place, weight, light = self._moved(0, elapsed[:, None], count)
             rest = torch.nonzero(is_hole.gather(1, place))
             env, at = rest[:, 0], rest[:, 1]
             into = env * (pixels + 1) + place[env, at]
@@ -1054,12 +1028,14 @@ class _Paper(_Gap):
         weight, light = sums[0, :, :pixels], sums[1, :, :pixels]
         return torch.where(weight >= _HOLE_BELOW, (light / weight).float(), 0.0)
 
-    def _moved(self, side: _PaperSide, part: Any, count: int) -> tuple[Any, Any, Any]:
+    def _moved(self, side: int, part: Any, count: int) -> tuple[Any, Any, Any]:
         """Of each pixel's four taps, (M, 4 S): where they are, their weight, and the pixel's light."""
+        motion_x, motion_y = (motion[side, :count] for motion in self._motion)
+        importance, light = self._importance[side, :count], self._light[side, :count]
         height, width = self._size
-        at = torch.arange(side.x.shape[1], device=part.device)
+        at = torch.arange(light.shape[1], device=part.device)
         column, row = at % self._canvas[1] - self._margin, at // self._canvas[1] - self._margin
-        x, y = column + (side.x[:count] * part).double(), row + (side.y[:count] * part).double()
+        x, y = column + (motion_x * part).double(), row + (motion_y * part).double()
         left, top = x.floor(), y.floor()
         fx, fy = x - left, y - top
         places, weights = [], []
@@ -1068,7 +1044,7 @@ class _Paper(_Gap):
                 tap_x, tap_y = left + over, top + down
                 inside = (tap_x >= 0) & (tap_y >= 0) & (tap_x < width) & (tap_y < height)
                 places.append(torch.where(inside, tap_y * width + tap_x, height * width).long())
-                weights.append(wx * wy * side.importance[:count])
+                weights.append(wx * wy * importance)
         # Pixel by pixel, as the engine adds them up.
         place, weight = torch.stack(places, -1).flatten(1), torch.stack(weights, -1).flatten(1)
-        return place, weight, side.light[:count].repeat_interleave(4, 1)
+        return place, weight, light.repeat_interleave(4, 1)
