@@ -54,7 +54,7 @@ _HOLE_BELOW = 1e-4
 _MOST_EVENTS = 65_535.0
 _MOST_INTERVAL_US = 1 << 30
 
-_CHUNK_PIXELS = 1 << 21
+_CHUNK_PIXELS = 1 << 20
 """Pixels that are warped at once, at most, or one environment: bounds what a push takes beside its state."""
 
 _AROUND = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1)]
