@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 import sys
 import types
@@ -228,6 +229,8 @@ def test_chosen_environments_are_reset() -> None:
         if k == 2:
             engine.reset([1])
             own.reset([1])
+        if k == 3:
+            own.reset([])
         if k == 4:
             engine.reset()
             own.reset(range(3))
@@ -294,19 +297,34 @@ def test_modes_of_pytorch_change_nothing() -> None:
         torch.set_default_dtype(default)
     assert len(found.t) > 1000
     assert not found.t.is_inference()
-    # What was pushed is the host's: it is neither kept nor changed.
-    light, depth, motion, t_us = keyframes[-1]
-    again = tensors(light.copy(), depth.copy(), motion.copy())
-    own.push(*again, t_us + 8000)
-    assert all(
-        np.array_equal(t, a, equal_nan=True) for t, a in zip(again, (light, depth, motion), strict=True)
-    )
-    for tensor in again:
-        tensor.fill_(np.nan)
-    plain.push(*tensors(light, depth, motion), t_us + 8000)
-    following = [plain.push(*tensors(light, depth, motion), t_us + 16_000)]
-    following.append(own.push(*tensors(light, depth, motion), t_us + 16_000))
-    assert bytes_of(following[0]) == bytes_of(following[1])
+
+
+@pytest.mark.parametrize("warp", [evis.Warp(), evis.Warp.evis_paper(8)], ids=["splat", "evis-paper"])
+@pytest.mark.parametrize("has_depth", [True, False])
+def test_a_hosts_buffers_are_neither_kept_nor_changed(warp: evis.Warp, has_depth: bool) -> None:
+    size = (24, 32)
+    _, own = twins(2, size, CROSSING, warp)
+    _, plain = twins(2, size, CROSSING, warp)
+    buffers = tensors(*moving(4, 2, size, 1)[0][:3])
+    fired = 0
+    for *pictures, t_us in moving(4, 2, size):
+        # As a renderer that writes into the same memory each time.
+        for buffer, picture in zip(buffers, pictures, strict=True):
+            buffer.copy_(torch.from_numpy(picture))
+        light, depth, motion = buffers
+        expected = plain.push(*tensors(pictures[0], pictures[1] if has_depth else None, pictures[2]), t_us)
+        found = own.push(light, depth if has_depth else None, motion, t_us)
+        assert bytes_of(expected) == bytes_of(found)
+        pairs = zip(buffers, pictures, strict=True)
+        assert all(np.array_equal(buffer, picture, equal_nan=True) for buffer, picture in pairs)
+        changed = motion.clone()
+        changed[0, 0, 0, 0] += 0.01
+        assert own.is_last(light, motion)
+        assert not own.is_last(light, changed), "canary"
+        motion.copy_(changed)
+        assert not own.is_last(light, motion)
+        fired += len(found.t)
+    assert fired > 1000
 
 
 def test_bad_input_is_refused_and_changes_nothing() -> None:
@@ -360,6 +378,46 @@ def test_settings_that_cannot_be_used_are_named(changed: dict[str, Any], said: s
     }  # fmt: skip
     with pytest.raises(evis.ConfigError, match=said):
         TorchKeyframes(**given | changed)
+
+
+def test_constants_are_the_engines() -> None:
+    crates = Path(__file__).parent.parent / "crates" / "evis-core" / "src"
+    text = "".join(
+        (crates / name).read_text()
+        for name in (
+            "emulator/keyframes/warp.rs", "emulator/keyframes/links.rs", "emulator/keyframes/push.rs",
+            "emulator/order.rs", "sensor.rs",
+        )
+    )  # fmt: skip
+    own = evis._torch_keyframes
+    same = {
+        "SUBPIXEL_BITS": own._SUBPIXEL_BITS,
+        "SAME_SURFACE": own._SAME_SURFACE,
+        "MOTION_LIMIT": own._MOTION_LIMIT,
+        "MOST_PIXELS": own._MOST_PIXELS,
+        "SHARPNESS": own._SHARPNESS,
+        "MOST_EXPONENT": own._MOST_EXPONENT,
+        "HOLE_BELOW": own._HOLE_BELOW,
+        "USUAL_STEP_PX": own._STEP_PX,
+        "SAME_OVER_TIME": own._SAME_OVER_TIME,
+        "LEAST_LINKED": own._LEAST_LINKED,
+        "FASTEST_SHARE": own._FASTEST_SHARE,
+        "ROUNDS": own._ROUNDS,
+        "MOST_STEPS": own._MOST_STEPS,
+        "UNDIVIDED_PX": own._UNDIVIDED_PX,
+        "NO_DEPTH": own._NO_DEPTH,
+        "NEARNESS_PER_PX": own._NEARNESS_PER_PX,
+        "LARGEST_INVERSE_DEPTH": own._LARGEST_INVERSE_DEPTH,
+        "WARN_GAP_PX": own._WARN_GAP_PX,
+        "MAX_INTERVAL_US": own._MOST_INTERVAL_US,
+        "MAX_EVENTS_PER_INTERVAL": own._MOST_EVENTS,
+    }
+    for name, value in same.items():
+        (found,) = re.findall(rf"const {name}: \w+ = ([^;]+);", text)
+        engine = float(found) if "<<" not in found else 1 << int(found.split("<<")[1])
+        assert engine == value, name
+    # One pixel around: `_nearest_around`.
+    assert re.findall(r"const DILATION: usize = (\d+);", text) == ["1"]
 
 
 # Events on their device.
@@ -474,11 +532,14 @@ def test_codes_and_black_pictures_are_as_by_the_engine() -> None:
     assert fired > 1000
 
 
-def test_held_environments_are_as_by_the_engine() -> None:
+@pytest.mark.parametrize("channels", [1, 3])
+def test_held_environments_are_as_by_the_engine(channels: int) -> None:
     engine, own = pipelines()
     for k in range(4):
-        given, hold = as_tensors(sliding(k)), [1] if k == 1 else []
-        expected, found = engine.push(sliding(k), 8000 * k, hold=hold), own.push(given, 8000 * k, hold=hold)
+        outputs, hold = sliding(k), [1] if k == 1 else []
+        outputs["rgb_radiance"] = outputs["rgb_radiance"][..., :channels]
+        given = as_tensors(outputs)
+        expected, found = engine.push(outputs, 8000 * k, hold=hold), own.push(given, 8000 * k, hold=hold)
         assert bytes_of(expected) == bytes_of(found)
         assert (len(found[1]) != len(found[0])) == (k > 0), "its own events, of what it saw last"
         assert not given["rgb_radiance"].isnan().any(), "the host's picture is left alone"

@@ -256,8 +256,8 @@ class TorchKeyframes:
         ids = list(environments)
         self._started[ids] = False
         with torch.inference_mode(False):
+            # Of a pixel without a reference, nothing else is used.
             self._reference[ids] = math.nan
-            self._log[ids] = math.nan
 
     def _unseen(self) -> Any:
         pixels = self._size[0] * self._size[1]
@@ -624,6 +624,11 @@ def _exp(x: Any) -> Any:
     return series * power.view(torch.float32)
 
 
+def _exact(value: float, like: Any) -> Any:
+    """Return a number as a tensor: where one divides by a number, a card multiplies by its reciprocal."""
+    return like.new_full((), value)
+
+
 def _hypot(x: Any, y: Any) -> Any:
     """Length in float32, rounded once."""
     return (x.double() ** 2 + y.double() ** 2).sqrt().float()
@@ -698,7 +703,7 @@ def _links(before: _Keyframe, now: _Keyframe, canvas: tuple[int, int]) -> Any:
     count = is_motion.sum(1)
     rank = (count.double() * (1.0 - _FASTEST_SHARE)).long().minimum((count - 1).clamp(min=0))
     motion_px = torch.where(count > 0, length.gather(1, rank[:, None])[:, 0], 0.0)
-    linked = found.sum(1).float() / float(canvas[0] * canvas[1])
+    linked = found.sum(1).float() / _exact(float(canvas[0] * canvas[1]), length)
     return torch.stack([motion_px, linked])
 
 
@@ -1001,7 +1006,8 @@ class _Paper(_Gap):
         seen = nearness.unflatten(2, self._canvas)
         seen = seen[:, :, margin : margin + height, margin : margin + width]
         largest = seen.amax((2, 3)).clamp(min=1e-30).double()[..., None]
-        exponent = (nearness.double() * (_SHARPNESS / largest)).clamp(max=_MOST_EXPONENT)
+        sharpness = _exact(_SHARPNESS, largest) / largest
+        exponent = (nearness.double() * sharpness).clamp(max=_MOST_EXPONENT)
         # 0 where a pixel is not splatted.
         self._importance = torch.where(goes, exponent.exp(), 0.0)
         self._light, self._motion = torch.where(goes, light, 0.0).double(), motion
