@@ -327,6 +327,45 @@ def test_a_hosts_buffers_are_neither_kept_nor_changed(warp: evis.Warp, has_depth
     assert fired > 1000
 
 
+class OnHost(torch.Tensor):  # type: ignore[misc]
+    """A tensor of NumPy's memory, of which nothing is made before it is brought to a device."""
+
+    @classmethod
+    def __torch_function__(cls, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
+        if func is not torch.Tensor.to:
+            raise AssertionError(f"{func} of a tensor on the host")
+        with torch._C.DisableTorchFunctionSubclass():
+            return func(*args, **(kwargs or {})).as_subclass(torch.Tensor)
+
+
+@pytest.mark.parametrize("warp", [evis.Warp(), evis.Warp.evis_paper(8)], ids=["splat", "evis-paper"])
+def test_nothing_is_made_on_another_device(warp: evis.Warp, monkeypatch: pytest.MonkeyPatch) -> None:
+    # On a card, what is made without its device would be on the CPU: here, where nothing can be read.
+    size = (24, 32)
+    given = [(*tensors(*pictures), t_us) for *pictures, t_us in moving(4, 2, size)]
+    _, plain = twins(2, size, CROSSING, warp)
+    expected = [plain.push(*keyframe) for keyframe in given]
+    from_numpy = torch.from_numpy
+    monkeypatch.setattr(torch, "from_numpy", lambda array: from_numpy(array).as_subclass(OnHost))
+    with torch.device("meta"):
+        _, own = twins(2, size, CROSSING, warp)
+        found = [own.push(*keyframe) for keyframe in given]
+        own.reset([1])
+        rest = found[-1].without([0])
+        dense = [(e.counts(1000), e.voxel_grid(3, 1000, 30_000)) for e in (found[-1], rest)]
+        codes = own.luminance(torch.zeros((2, *size, 3), dtype=torch.uint8, device="cpu"))
+    for values in (codes, *dense[0], *dense[1]):
+        assert values.device.type == "cpu"
+    monkeypatch.undo()
+    assert [bytes_of(one) for one in expected] == [bytes_of(two) for two in found]
+    assert dense[0][0].sum() > dense[1][0].sum() > 0
+    # Canaries.
+    with torch.device("meta"), pytest.raises(RuntimeError, match="device"):
+        torch.cat([given[0][0], torch.zeros(1)])
+    with pytest.raises(AssertionError, match="on the host"):
+        given[0][0] + from_numpy(np.ones(1, np.float32)).as_subclass(OnHost)
+
+
 def test_bad_input_is_refused_and_changes_nothing() -> None:
     warp, size = evis.Warp(steps=3), (24, 32)
     _, own = twins(2, size, CROSSING, warp)

@@ -762,8 +762,8 @@ def _names(outputs: Mapping[str, Any]) -> str:
 
 def _on_one_card(given: tuple[Any, ...]) -> bool:
     """Whether all that was given are tensors of PyTorch on the same CUDA device."""
-    torch: Any = sys.modules.get("torch")
+    kind = getattr(sys.modules.get("torch"), "Tensor", None)
     tensors = [unwrapped(values) for values in given if values is not None]
-    if torch is None or not all(isinstance(values, torch.Tensor) for values in tensors):
+    if kind is None or not all(isinstance(values, kind) for values in tensors):
         return False
     return tensors[0].device.type == "cuda" and len({values.device for values in tensors}) == 1
