@@ -104,9 +104,10 @@ lint-python: wheel ## Formatting, lints and types of Python, and the stubs again
 	$(BIN)/mypy
 	$(BIN)/python -m mypy.stubtest evis._evis --mypy-config-file pyproject.toml
 
-test-torch: wheel ## Hold the data sets against PyTorch, which it installs (the CPU's build where pip finds one).
+test-torch: wheel ## Hold data sets and keyframes against PyTorch, which it installs (the CPU's build where pip finds one).
 	tools/install "$(BIN)" test torch
-	$(BIN)/python -m pytest tests/test_torch.py tests/test_dataset.py tests/test_site.py tests/test_isaaclab.py tests/test_gbuffer.py
+	$(BIN)/python -m pytest tests/test_torch.py tests/test_torch_keyframes.py tests/test_dataset.py tests/test_site.py \
+	  tests/test_isaaclab.py tests/test_gbuffer.py
 
 # With an environment of its own: the oldest release needs NumPy 1.
 test-mujoco: wheel ## Hold evis.mujoco against the oldest MuJoCo that it takes (Python 3.10 to 3.12).

@@ -17,7 +17,7 @@ import tomllib
 
 import evis
 from evis import _commands
-from evis._luminance import WEIGHTS
+from evis._luminance import EXACT_WEIGHTS, WEIGHTS
 
 #: Settings of a run: as they are stored, as Python's parameter, as the command line's option.
 RUN = {
@@ -150,8 +150,8 @@ def test_completions_know_the_commands_that_are_written_in_python() -> None:
 def test_luminance_has_the_engines_weights() -> None:
     text = (Path(__file__).parent.parent / "crates/evis-core/src/luminance.rs").read_text()
     (row,) = re.findall(r"LUMINANCE_WEIGHTS: \[f64; 3\] = \[([^\]]+)\]", text)
-    assert np.array_equal(WEIGHTS, np.array([float(value) for value in row.split(",")], np.float32))
-    holders = [
-        f.name for f in Path(evis.__file__).parent.glob("*.py") if re.search(r"\[0\.2126,", f.read_text())
-    ]
+    assert tuple(float(value) for value in row.split(",")) == EXACT_WEIGHTS
+    assert np.array_equal(WEIGHTS, np.array(EXACT_WEIGHTS, np.float32))
+    files = Path(evis.__file__).parent.glob("*.py")
+    holders = [file.name for file in files if re.search(r"[(\[]0\.2126,", file.read_text())]
     assert holders == ["_luminance.py"]

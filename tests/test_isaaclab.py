@@ -125,7 +125,7 @@ def test_fields_become_settings() -> None:
     given = dict(
         threshold=0.15, event_source="hdr", noise=None, motion_blur=0.0, margin=0, warp="splat", steps=None,
         exposure_locked=False, motion_scale=(1.0, 1.0), check_motion=True, voxel_bins=5, window=0.0,
-        reference_luminance=1.0, seed=0,
+        reference_luminance=1.0, backend="auto", seed=0,
     )  # fmt: skip
 
     def settings(**fields: Any) -> Any:

@@ -12,6 +12,14 @@ from . import _check
 from ._evis import ConfigError
 
 
+def unwrapped(values: Any) -> Any:
+    """Return a tensor that a proxy has as ``.torch``, without its history; anything else as it is."""
+    if hasattr(type(values), "torch"):
+        # It would warn if it were used as a tensor.
+        values = values.torch
+    return values.detach() if hasattr(values, "detach") else values
+
+
 class Copies:
     """Brings arrays to the CPU and counts what that copies."""
 
@@ -30,11 +38,7 @@ class Copies:
     def take(self, what: str, values: Any) -> npt.NDArray[Any]:
         if isinstance(values, np.ndarray):
             return values
-        if hasattr(type(values), "torch"):
-            # A proxy of a tensor, which would warn if it were used as one.
-            values = values.torch
-        if hasattr(values, "detach"):
-            values = values.detach()
+        values = unwrapped(values)
         device = str(getattr(values, "device", "cpu"))
         if not device.startswith("cpu"):
             to_cpu = getattr(values, "cpu", None) or getattr(values, "numpy", None)

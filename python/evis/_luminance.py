@@ -7,8 +7,16 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-WEIGHTS = np.array([0.2126, 0.7152, 0.0722], np.float32)
+EXACT_WEIGHTS = (0.2126, 0.7152, 0.0722)
 """Of red, green and blue: Rec. ITU-R BT.709-6, item 3.2; as in `evis_core::luminance`."""
+
+WEIGHTS = np.array(EXACT_WEIGHTS, np.float32)
+"""The same in float32."""
+
+_VALUE = np.arange(256) / 255
+
+SRGB_LIGHT = np.where(_VALUE <= 0.04045, _VALUE / 12.92, ((_VALUE + 0.055) / 1.055) ** 2.4)
+"""Linear light of 8-bit codes under the sRGB curve (IEC 61966-2-1), float64 (256,)."""
 
 
 def luminance(light: npt.NDArray[Any]) -> npt.NDArray[np.float32]:

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from . import _check
 from ._evis import ConfigError
-from ._luminance import WEIGHTS
+from ._luminance import SRGB_LIGHT, WEIGHTS
 
 Float = npt.NDArray[np.float32]
 
@@ -111,9 +111,7 @@ def linear(light: npt.NDArray[Any]) -> Float:
     """Return linear light, of codes by the sRGB curve (IEC 61966-2-1)."""
     if light.dtype != np.uint8:
         return light.astype(np.float32, copy=False)
-    value = np.arange(256, dtype=np.float64) / 255
-    table = np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
-    return np.asarray(table.astype(np.float32)[light])
+    return np.asarray(SRGB_LIGHT.astype(np.float32)[light])
 
 
 def luminance(what: str, light: Any) -> Float:

@@ -82,6 +82,7 @@ def settings_of(cfg: Any) -> PipelineSettings:
         voxel_bins=cfg.voxel_bins,
         window_us=duration_us("window", cfg.window) if cfg.window else 0,
         reference_luminance=cfg.reference_luminance,
+        backend=cfg.backend,
         seed=cfg.seed,
     )
 
@@ -191,8 +192,9 @@ def _classes() -> tuple[Any, Any]:
             data = super().data
             if not self._event_output:
                 for name, array in self.pipeline.output.items():
-                    tensor = torch.from_numpy(array).to(self._device)
-                    self._event_output[name] = _wrapped(tensor)
+                    # What PyTorch makes is where the camera's pictures are.
+                    tensor = torch.from_numpy(array) if isinstance(array, np.ndarray) else array
+                    self._event_output[name] = _wrapped(tensor.to(self._device))
             return EventCameraData(data, {**data.output, **self._event_output})
 
         def update(self, dt: float, force_recompute: bool = False) -> None:
@@ -289,6 +291,9 @@ def _classes() -> tuple[Any, Any]:
 
         reference_luminance: float = 1.0
         """Light of about a middle grey, in the renderer's units."""
+
+        backend: str = "auto"
+        """What makes the events: ``"auto"``, ``"engine"`` or ``"torch"``, as of `PipelineSettings`."""
 
         seed: int = 0
         """Seed of the sensor's noise; cameras of one seed have the same noise."""
