@@ -37,8 +37,9 @@ use self::times::{FacetAt, Times};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
-/// A cell's nodes are made finer this often, where light bends between them.
-const MOST_FINER: u32 = 3;
+/// A cell's nodes are made finer this often, where light bends between them: to about a pixel. Light is read at one place of a
+/// pixel, so that finer nodes show what the pixel's mean does not have.
+const MOST_FINER: u32 = 4;
 /// Part of the light by which the middle between nodes may be off.
 const SMOOTH: f64 = 0.0015;
 /// Part by which 1/depth may change over a pixel whose texture is averaged along edges that it shares with others.
@@ -597,8 +598,11 @@ impl<'a> Lighting<'a> {
         let lamps = 1 + self.own.len();
         let surface = self.world.facets[key.facet as usize].surface as usize;
         let base = self.answers[surface].mean_base.max(DVec3::splat(0.05));
-        let luminance = |v: &[f32; 4]| {
-            base.dot(DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))) + f64::from(v[3])
+        let luminance = |node: &[[f32; 4]]| -> f64 {
+            let of = |v: &[f32; 4]| {
+                base.dot(DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))) + f64::from(v[3])
+            };
+            node.iter().map(of).sum()
         };
         let shade = |x: f64, y: f64, out: &mut Vec<[f32; 4]>| {
             let place =
@@ -625,20 +629,14 @@ impl<'a> Lighting<'a> {
                 let (i, j) = (cell % intervals, cell / intervals);
                 middles.clear();
                 shade((f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * step, &mut middles);
+                let found = luminance(&middles);
                 let row = intervals + 1;
-                let (mut whole, mut off) = (0.0, 0.0);
-                for (lamp, found) in middles.iter().enumerate() {
-                    let around = [0, 1, row, row + 1]
-                        .map(|o| luminance(&nodes[(j * row + i + o) as usize * lamps + lamp]));
-                    let (found, expected) = (luminance(found), 0.25 * around.iter().sum::<f64>());
-                    // What is below 0 counts as 0 where it is read.
-                    let bright = 0.25 * around.iter().map(|v| v.max(0.0)).sum::<f64>();
-                    if bright.max(found) > 0.0 {
-                        whole += bright.max(found);
-                        off += found - expected;
-                    }
-                }
-                if off.abs() > SMOOTH * whole {
+                let around = [0, 1, row, row + 1].map(|o| {
+                    let at = (j * row + i + o) as usize * lamps;
+                    luminance(&nodes[at..at + lamps])
+                });
+                let expected = 0.25 * around.iter().sum::<f64>();
+                if (found - expected).abs() > SMOOTH * found.abs() {
                     smooth = false;
                     break;
                 }
@@ -649,7 +647,7 @@ impl<'a> Lighting<'a> {
         }
         let mut lit = 0;
         for (k, value) in nodes.iter().enumerate() {
-            if !k.is_multiple_of(lamps) && value.iter().any(|v| *v > 0.0) {
+            if !k.is_multiple_of(lamps) && value.iter().any(|v| *v != 0.0) {
                 lit |= 1 << (k % lamps - 1);
             }
         }
@@ -780,7 +778,7 @@ impl<'a> Lighting<'a> {
                 }
                 _ => (place, base),
             };
-            sum += strength * of(base, self.interpolate(tile, slot, place, at.u, 1 + number)).max(0.0);
+            sum += strength * of(base, self.interpolate(tile, slot, place, at.u, 1 + number));
         }
         moments.area * sum
     }

@@ -159,16 +159,14 @@ impl Around {
     }
 }
 
-/// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between. Where such a lamp
-/// is behind the surface, its response is below 0, as the cosine is: so what is between two points can be told from both,
-/// also where a surface turns away from a lamp. What is below 0 counts as 0.
+/// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between.
 pub fn respond(point: &Point, lamps: &[Lamp], own: &[usize], around: &Around, out: &mut [Response]) {
     let (open, apart) = out.split_at_mut(1);
     indirect(point, around, &mut open[0]);
     for (index, lamp) in lamps.iter().enumerate() {
         match own.iter().position(|o| *o == index) {
-            Some(number) => direct(point, lamp, true, &mut apart[number]),
-            None => direct(point, lamp, false, &mut open[0]),
+            Some(number) => direct(point, lamp, &mut apart[number]),
+            None => direct(point, lamp, &mut open[0]),
         }
     }
 }
@@ -193,11 +191,10 @@ impl Mix {
     }
 }
 
-/// Light of a lamp; from behind the surface too, where `both_sides` asks for it.
-fn direct(point: &Point, lamp: &Lamp, both_sides: bool, out: &mut Response) {
+fn direct(point: &Point, lamp: &Lamp, out: &mut Response) {
     let (to_light, irradiance) = lamp.incident(point.position);
     let n_dot_l = point.normal.dot(to_light);
-    if (n_dot_l <= 0.0 && !both_sides) || irradiance == DVec3::ZERO {
+    if n_dot_l <= 0.0 || irradiance == DVec3::ZERO {
         return;
     }
     let light = irradiance * n_dot_l;
@@ -212,8 +209,7 @@ fn direct(point: &Point, lamp: &Lamp, both_sides: bool, out: &mut Response) {
     let alpha2 = (point.roughness * point.roughness).max(LEAST_ALPHA).powi(2);
     let distribution = alpha2 / (PI * (n_dot_h * n_dot_h * (alpha2 - 1.0) + 1.0).powi(2));
     let masked = |a: f64, b: f64| a * (b * b * (1.0 - alpha2) + alpha2).sqrt();
-    let facing = n_dot_l.max(0.0);
-    let visibility = 0.5 / (masked(facing, n_dot_v) + masked(n_dot_v, facing));
+    let visibility = 0.5 / (masked(n_dot_l, n_dot_v) + masked(n_dot_v, n_dot_l));
     let grazing = (1.0 - point.to_eye.dot(half).clamp(0.0, 1.0)).powi(5);
     let mix = Mix { metallic: point.metallic, mean: point.mean_base };
     // F = f0 (1 - grazing) + grazing.

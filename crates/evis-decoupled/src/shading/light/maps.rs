@@ -47,10 +47,9 @@ impl Lighting<'_> {
                 |channel: usize, value: f64| out[end * planes + channel / 4][channel % 4] = value as f32;
             let mut diffuse = 0.0;
             for (channel, response) in responses[..=lamps].iter().enumerate() {
-                // Lamps behind the surface are below 0.
-                let proportional = response.linear.dot(base).max(0.0);
+                let proportional = response.linear.dot(base);
                 diffuse += proportional;
-                set(channel, proportional + response.constant.max(0.0));
+                set(channel, proportional + response.constant);
             }
             set(channels - 2, material::LUMINANCE.dot(base));
             set(channels - 1, diffuse);

@@ -17,9 +17,9 @@ use crate::visibility::blocks::Block;
 /// Most intervals of a block, a power of two.
 const MOST_INTERVALS: u32 = 64;
 /// Part of the light by which it may be off in the middle between moments.
-const SMOOTH: f64 = 0.003;
+const SMOOTH: f64 = 0.005;
 /// Widths of a highlight between two moments.
-const LOBES: f64 = 0.2;
+const LOBES: f64 = 0.3;
 /// Beyond so many of its widths a highlight is as good as dark.
 const FAR_LOBES: f64 = 4.0;
 
@@ -198,7 +198,7 @@ impl Lighting<'_> {
             for ((light, point), at) in light.iter_mut().zip(point).zip(&at) {
                 let mut responses = [Response::default(); 1 + MOST_OWN];
                 respond(point, at.lamps, &self.own, &self.shared.around, &mut responses);
-                let of = |r: &Response| (r.linear.dot(base) + r.constant).max(0.0);
+                let of = |r: &Response| r.linear.dot(base) + r.constant;
                 *light = responses[..1 + self.own.len()].iter().map(of).sum();
             }
             let off = (light[1] - 0.5 * (light[0] + light[2])).abs();
