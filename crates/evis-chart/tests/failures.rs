@@ -54,8 +54,18 @@ fn what_moves_on_its_own_is_told_from_what_does_not() {
 
 #[test]
 fn the_high_preset_keeps_near_native() {
-    let failures =
-        ["keyframe-burst", "disocclusion", "thin-fast", "edge-ramp", "shadows", "depth", "cut", "refractory"];
+    let failures = [
+        "keyframe-burst",
+        "disocclusion",
+        "thin-fast",
+        "edge-ramp",
+        "highlights",
+        "shadows",
+        "lights",
+        "depth",
+        "cut",
+        "refractory",
+    ];
     let Some(report) = suite(&["native", "high"], &failures) else { return };
     // Canary: native's own claim of its distance to itself does not hold for a stream that misses the ball.
     let promise = limit("thin-fast", "high").unwrap();

@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
 
 use evis_decoupled::{Settings, luminance};
+use evis_scene::environment::Environment;
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
 use evis_scene::{
@@ -151,4 +152,31 @@ fn what_a_lamp_reaches_of_a_pixel_looks_as_rays_say() {
     let (found, count) = f1(&scene, &asked, &truth);
     println!("F1 {found:.4} of {count} events");
     assert!(found > 0.96 && count > 1000, "{found:.4} of {count}");
+}
+
+#[test]
+fn mirrors_show_what_is_around_as_rays_say() {
+    let mut scene = Scene {
+        environment: Some(Environment { visible: false, ..Environment::studio() }),
+        ..Scene::default()
+    };
+    let mirror = || Material {
+        metallic: 1.0,
+        roughness: 0.2,
+        base_color: [0.7, 0.6, 0.5, 1.0],
+        ..Material::default()
+    };
+    add(&mut scene, Shape::Card { size: [1.6, 1.2] }, mirror(), spinning(DVec3::Z * -1.8, 1.0));
+    add(&mut scene, Shape::Box { size: [0.3; 3] }, mirror(), spinning(DVec3::new(0.1, 0.05, -1.1), 6.0));
+    let rolling = moving(DVec3::new(-0.6, 0.05, -1.1), DVec3::X * 3.0);
+    add(&mut scene, Shape::Sphere { radius: 0.2 }, mirror(), rolling);
+    add_camera(&mut scene);
+    let (asked, truth) = truth_of(&scene, (48, 36), 80_000, 200);
+    let (found, count) = f1(&scene, &asked, &truth);
+    let mut turned = scene.clone();
+    turned.environment.as_mut().unwrap().rotation += 0.05;
+    let (canary, _) = f1(&turned, &asked, &truth);
+    println!("F1 {found:.4} of {count} events, {canary:.4} in surroundings that are turned");
+    assert!(found > 0.94 && count > 1000, "{found:.4} of {count}");
+    assert!(canary < found - 0.1, "canary: {canary:.4}");
 }
