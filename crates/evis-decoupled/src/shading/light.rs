@@ -40,6 +40,8 @@ const MOST_LEVEL: u32 = 14;
 /// A cell's nodes are made finer this often, where light bends between them: to about a pixel. Light is read at one place of a
 /// pixel, so that finer nodes show what the pixel's mean does not have.
 const MOST_FINER: u32 = 4;
+/// The last time only where they are off by this many times as much: where light has an edge or a highlight.
+const SHARP: f64 = 4.0;
 /// Part of the light by which the middle between nodes may be off.
 const SMOOTH: f64 = 0.0015;
 /// Part by which 1/depth may change over a pixel whose texture is averaged along edges that it shares with others.
@@ -604,47 +606,52 @@ impl<'a> Lighting<'a> {
             };
             node.iter().map(of).sum()
         };
-        let shade = |x: f64, y: f64, out: &mut Vec<[f32; 4]>| {
+        let shade = |[x, y]: [f64; 2], out: &mut Vec<[f32; 4]>| {
             let place =
                 [0, 1].map(|k| (f64::from(key.index[k]) + [x, y][k]) / f64::from(1_u32 << key.level[k]));
             self.shade(facet, place, out);
         };
-        let (mut nodes, mut middles) = (Vec::new(), Vec::new());
-        let mut intervals = 1_u32;
-        for finer in 0..=MOST_FINER {
-            intervals = 1 << finer;
-            let step = 1.0 / f64::from(intervals);
-            nodes.clear();
-            for j in 0..=intervals {
-                for i in 0..=intervals {
-                    shade(f64::from(i) * step, f64::from(j) * step, &mut nodes);
-                }
-            }
-            if finer == MOST_FINER {
-                break;
-            }
-            middles.clear();
-            let mut smooth = true;
-            for cell in 0..intervals * intervals {
-                let (i, j) = (cell % intervals, cell / intervals);
-                middles.clear();
-                shade((f64::from(i) + 0.5) * step, (f64::from(j) + 0.5) * step, &mut middles);
-                let found = luminance(&middles);
-                let row = intervals + 1;
-                let around = [0, 1, row, row + 1].map(|o| {
-                    let at = (j * row + i + o) as usize * lamps;
-                    luminance(&nodes[at..at + lamps])
-                });
-                let expected = 0.25 * around.iter().sum::<f64>();
-                if (found - expected).abs() > SMOOTH * found.abs() {
-                    smooth = false;
-                    break;
-                }
-            }
-            if smooth {
-                break;
-            }
+        let node = |number: usize| number * lamps..(number + 1) * lamps;
+        let mut nodes = Vec::new();
+        for [x, y] in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]] {
+            shade([x, y], &mut nodes);
         }
+        let (mut middles, mut coarser) = (Vec::new(), Vec::new());
+        let mut intervals = 1_usize;
+        for finer in 1..=MOST_FINER {
+            let step = 1.0 / intervals as f64;
+            middles.clear();
+            let tolerance = if finer == MOST_FINER { SHARP * SMOOTH } else { SMOOTH };
+            let row = intervals + 1;
+            let is_smooth = (0..intervals * intervals).all(|cell| {
+                let (i, j) = (cell % intervals, cell / intervals);
+                shade([i, j].map(|k| (k as f64 + 0.5) * step), &mut middles);
+                let found = luminance(&middles[middles.len() - lamps..]);
+                let around = [0, 1, row, row + 1].map(|o| luminance(&nodes[node(j * row + i + o)]));
+                let expected = 0.25 * around.iter().sum::<f64>();
+                (found - expected).abs() <= tolerance * found.abs()
+            });
+            if is_smooth {
+                break;
+            }
+            // Nodes, and the middles that were found, are nodes of the finer grid.
+            std::mem::swap(&mut nodes, &mut coarser);
+            nodes.clear();
+            for j in 0..=2 * intervals {
+                for i in 0..=2 * intervals {
+                    let middle = (j / 2) * intervals + i / 2;
+                    if i % 2 == 0 && j % 2 == 0 {
+                        nodes.extend_from_slice(&coarser[node((j / 2) * row + i / 2)]);
+                    } else if i % 2 == 1 && j % 2 == 1 && middle * lamps < middles.len() {
+                        nodes.extend_from_slice(&middles[node(middle)]);
+                    } else {
+                        shade([i, j].map(|k| k as f64 * 0.5 * step), &mut nodes);
+                    }
+                }
+            }
+            intervals *= 2;
+        }
+        let intervals = intervals as u32;
         let mut lit = 0;
         for (k, value) in nodes.iter().enumerate() {
             if !k.is_multiple_of(lamps) && value.iter().any(|v| *v != 0.0) {
