@@ -67,6 +67,7 @@ __all__ = [
     "read_events",
     "recognise_format",
     "recommend_chart",
+    "rig_rectify",
     "rig_text",
     "run_cli",
     "scene_bodies",
@@ -210,6 +211,9 @@ def lens_unproject(
 ) -> npt.NDArray[np.float64]: ...
 def load_rig(path: str | PathLike[str]) -> str: ...
 def parse_rig(text: str) -> str: ...
+def rig_rectify(
+    json: str, left: int, right: int, alpha: float
+) -> tuple[list[list[float]], list[list[float]], tuple[float, float, float, float], float]: ...
 def rig_text(json: str, format: str) -> str: ...
 def scene_bodies(
     scene: Scene, cameras: list[str], environment: int, start_us: int, t_us: list[int]

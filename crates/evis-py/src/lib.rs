@@ -41,7 +41,9 @@ mod _evis {
     #[pymodule_export]
     use crate::format::{EventFileReader, EventFileWriter, file_formats, format_of_ending, recognise_format};
     #[pymodule_export]
-    use crate::lens::{lens_project, lens_unproject, load_rig, parse_rig, rig_text, simulate_imu};
+    use crate::lens::{
+        lens_project, lens_unproject, load_rig, parse_rig, rig_rectify, rig_text, simulate_imu,
+    };
     #[pymodule_export]
     use crate::metrics::{
         Truth, endpoint_error, mse, psnr, score, score_table, sensor_of_settings, ssim, voxel_l1,
