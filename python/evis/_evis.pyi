@@ -20,6 +20,8 @@ __all__ = [
     "EvisError",
     "FormatError",
     "FrameReader",
+    "HostBodies",
+    "HostSpan",
     "Label",
     "Packet",
     "Recording",
@@ -315,6 +317,16 @@ class Packet:
     def views(self) -> list[View]: ...
     @property
     def report(self) -> dict[str, Any]: ...
+    @property
+    def host(self) -> HostSpan | None: ...
+
+@final
+class HostSpan: ...
+
+@final
+class HostBodies:
+    def __new__(cls, scene: Scene, nodes: list[str], cameras: list[str], start_us: int) -> HostBodies: ...
+    def follow(self, span: HostSpan, t_us: list[int]) -> list[tuple[Any, ...]]: ...
 
 @final
 class Simulator:
