@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import numpy as np
+import numpy.typing as npt
 import pytest
 
 import evis
@@ -112,6 +114,103 @@ def test_recordings_name_and_follow_bodies(scene: evis.Scene, device: evis.Devic
     assert np.array_equal(again.position, bodies.position)
 
 
+def same_turns(a: npt.NDArray[np.float64], b: npt.NDArray[np.float64]) -> bool:
+    """Whether unit quaternions are the same rotations: q and -q are."""
+    return bool(np.all(np.abs(np.sum(a * b, axis=-1)) > 1.0 - 1e-12))
+
+
+def test_recordings_hold_what_a_host_moved(scene: evis.Scene, device: evis.Device, tmp_path: Path) -> None:
+    """Nodes and cameras, at the times at which the host gave them; others beside them, and velocities."""
+    sim = evis.Simulator(scene, poses=["ball", "eye"], start=0.5, device=device, **SMALL)
+    rng = np.random.default_rng(2)
+
+    def tumbling(count: int, z: float) -> npt.NDArray[np.float64]:
+        turns = rng.normal(size=(count, 4)) * 0.1 + [0, 0, 0, 1]
+        turns /= np.linalg.norm(turns, axis=1, keepdims=True)
+        return np.column_stack([rng.normal(size=(count, 2)) * 0.1, np.full(count, z), turns])
+
+    times = [np.array([0, 1_500, 10_000]), np.array([20_000]), np.array([21_000, 27_003, 30_000])]
+    balls = [tumbling(len(t), 0.0) for t in times]
+    eyes = [tumbling(len(t), 6.0) for t in times]
+    swift = rng.normal(size=(3, 3))
+    with evis.Writer(tmp_path / "a.h5", sim, pose_rate_hz=50.0) as writer:
+        packets = [sim.step(10_000, {"ball": balls[0], "eye": eyes[0]}, pose_times_us=times[0])]
+        packets.append(sim.step(20_000, {"ball": balls[1][0], "eye": eyes[1][0]}))
+        # What a simulator forgets meanwhile is in its packets.
+        last = {"poses": {"ball": balls[2], "eye": eyes[2]}, "velocities": {"ball": swift}}
+        packets.append(sim.step(30_000, pose_times_us=times[2], **last))  # type: ignore[arg-type]
+        packets.append(sim.step(40_000))
+        for packet in packets:
+            writer.write(packet)
+    bodies = evis.load(tmp_path / "a.h5").bodies
+    assert bodies is not None
+    # Those that the host gave, and 50 Hz.
+    given = np.concatenate(times)
+    assert bodies.t_us.tolist() == [*given.tolist(), 40_000]
+    for name, rows in (("ball", balls), ("eye", eyes)):
+        stored, said = bodies.poses(name), np.concatenate(rows)
+        np.testing.assert_allclose(stored.position[:-1], said[:, :3], atol=1e-12)
+        assert same_turns(stored.rotation[:-1], said[:, 3:])
+        assert not same_turns(stored.rotation[1:-1], said[:-1, 3:]), "canary"
+        np.testing.assert_allclose(stored.position[-1], said[-1, :3], atol=1e-12, err_msg="it rests")
+    # Nothing moves the crate but the scene.
+    exact = scene.bodies(bodies.t_us + 500_000)
+    np.testing.assert_allclose(bodies.position[:, 0], exact.position[:, 0], atol=1e-12)
+    np.testing.assert_allclose(bodies.linear_velocity[:, 0], exact.linear_velocity[:, 0], atol=1e-8)
+    np.testing.assert_allclose(bodies.angular_velocity[:, 0], exact.angular_velocity[:, 0], atol=1e-8)
+    # Velocities are those that were given where two poses have one, else the mean ones since the pose before.
+    ball = bodies.linear_velocity[:, 1]
+    np.testing.assert_allclose(ball[5:7], swift[1:], atol=1e-6)
+    places = np.concatenate(balls)[:, :3]
+    mean = np.diff(places, axis=0) / (np.diff(given) * 1e-6)[:, None]
+    np.testing.assert_allclose(ball[1:5], mean[:4], atol=1e-6)
+    np.testing.assert_allclose(ball[-1], 0.0, atol=1e-9)
+    assert np.abs(ball[6] - mean[5]).max() > 1e-3, "canary"
+    # A writer that begins later knows where nodes are.
+    with evis.Writer(tmp_path / "b.h5", sim, pose_rate_hz=50.0) as writer:
+        for packet in packets[2:]:
+            writer.write(packet)
+    later = evis.load(tmp_path / "b.h5").bodies
+    assert later is not None
+    assert later.t_us.tolist() == [20_000, *times[2].tolist(), 40_000]
+    np.testing.assert_allclose(later.position, bodies.position[3:], atol=1e-12)
+    copied = evis.load(evis.save(tmp_path / "c.h5", evis.load(tmp_path / "a.h5"))[0]).bodies
+    assert copied is not None
+    assert np.array_equal(copied.position, bodies.position)
+
+
+def test_each_environment_has_its_own_poses_and_resets(device: evis.Device, tmp_path: Path) -> None:
+    builder = evis.SceneBuilder("two", ambient=(1.0, 1.0, 1.0))
+    builder.material("white")
+    builder.sphere("ball", radius=0.25, material="white")
+    # What hangs on it goes along.
+    builder.box(
+        "hat", size=(0.1, 0.1, 0.1), material="white", pose=Placement(position=(0, 1, 0), parent="ball")
+    )
+    builder.camera(evis.EventCamera(name="eye", pose=Placement(position=(0, 0, 3))))
+    builder.environments(1)
+    builder.environments(1)
+    sim = evis.Simulator(builder.build(), poses=["ball"], device=device, **SMALL)
+    turned = np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])
+
+    def ball(*x: float) -> dict[str, npt.NDArray[np.float64]]:
+        return {"ball": np.array([[each, 0, 0, *turned] for each in x])}
+
+    with evis.Writer(tmp_path / "a.h5", sim, pose_rate_hz=1.0) as writer:
+        writer.write(sim.step(10_000, ball(0.1, 0.2)))
+        sim.reset([1], poses=ball(0.9))
+        writer.write(sim.step(20_000, ball(0.3, 0.8)))
+    first, second = (evis.load(path).bodies for path in writer.paths)
+    assert first is not None
+    assert second is not None
+    assert first.t_us.tolist() == [0, 10_000, 20_000]
+    assert second.t_us.tolist() == [0, 10_000, 10_001, 20_000]
+    np.testing.assert_allclose(first.position[1:, 0, 0], [0.1, 0.3], atol=1e-12)
+    np.testing.assert_allclose(second.position[1:, 0, 0], [0.2, 0.9, 0.8], atol=1e-4)
+    np.testing.assert_allclose(second.position[-1, 1], [-0.2, 0, 0], atol=1e-12)
+    np.testing.assert_allclose(second.linear_velocity[-1, 0], [-10, 0, 0], atol=1e-6)
+
+
 def test_the_command_follows_bodies(device: evis.Device, tmp_path: Path) -> None:
     def run(*more: str) -> evis.packets.Bodies:
         command = ["run", "spinner", "-o", "x.h5", "--duration", "0.02", "--size", "64x48", "--force", *more]
@@ -162,9 +261,13 @@ def test_poses_that_cannot_be_written_are_refused(scene: evis.Scene, tmp_path: P
         evis.Writer(tmp_path / "a.raw", sim, pose_rate_hz=10.0)
     with pytest.raises(evis.ConfigError, match="pose_rate_hz is 0"):
         evis.Writer(tmp_path / "a.h5", sim, pose_rate_hz=0.0)
-    driven = evis.Simulator(scene, poses=["ball"], size=(64, 48))
-    with pytest.raises(evis.ConfigError, match="poses come from outside"):
-        evis.Writer(tmp_path / "a.h5", driven, pose_rate_hz=10.0)
+    driven = evis.Simulator(scene, poses=["ball"], **SMALL)
+    with evis.Writer(tmp_path / "b.h5", driven, pose_rate_hz=10.0) as writer:
+        packet = driven.step(10_000, {"ball": [0, 1, 0, 0, 0, 0, 1]})
+        with pytest.raises(evis.ConfigError, match="0 to 10000 us is a copy"):
+            writer.write(copy.copy(packet))
+        writer.write(packet)
+    assert evis.load(tmp_path / "b.h5").bodies.t_us.tolist() == [0, 10_000]
     events = evis.EventArray.from_columns([0], [0], [0], [1], width=4, height=4)
     with pytest.raises(evis.ConfigError, match="for streams"):
         evis.save(tmp_path / "a.h5", events, pose_rate_hz=10.0)

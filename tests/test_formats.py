@@ -2,8 +2,10 @@
 
 import json
 import os
+import re
 import struct
 import zlib
+from dataclasses import replace
 
 import h5py
 import numpy as np
@@ -12,6 +14,10 @@ import pytest
 import evis
 from evis import _evis
 from evis.imu import ImuSamples
+from evis.motion import Placement
+
+#: OpenCV's axes for glTF's, and back.
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
 
 #: Files that are written and read: jAER's AEDAT is written only, and DSEC's layout is a folder.
 FORMATS = [name for name in evis.formats() if name not in ("aedat2", "dsec")]
@@ -389,7 +395,7 @@ def test_a_recording_becomes_a_folder_of_dsec(tmp_path):
         assert mask.any()
         decoded = (image[..., :2].astype(np.float64) - 2**15) / 128
         assert np.abs(decoded - flow[index])[mask].max() <= 0.5 / 128 + 1e-6
-    assert (folder / "calibration/cam_to_cam.yaml").read_text().startswith("intrinsics:\n  cam0:")
+    assert "  camRect0:\n" in (folder / "calibration/cam_to_cam.yaml").read_text()
     assert not (folder / "disparity").exists()
     # And EVIS reads it.
     file = evis.open(folder)
@@ -398,6 +404,165 @@ def test_a_recording_becomes_a_folder_of_dsec(tmp_path):
     assert run("convert", folder, tmp_path / "a.raw") == 0
     assert evis.load(tmp_path / "a.raw").events == want
     assert run("convert", tmp_path / "a.h5", folder, "--format", "dsec") == 2
+
+
+def yaml_rows(text, key):
+    """Rows of numbers that follow ``key:``."""
+    lines = text[text.index(f"{key}:\n") :].splitlines()[1:]
+    rows = []
+    for line in lines:
+        if not line.strip().startswith("- ["):
+            break
+        rows.append(json.loads(line.strip()[2:]))
+    return np.array(rows)
+
+
+def yaml_matrix(text, camera):
+    found = re.search(rf"  {camera}:\n(?:    .*\n)*?    camera_matrix: (.*)\n", text)
+    return np.array(json.loads(found[1]))
+
+
+def test_a_distorted_converging_pair_becomes_a_rectified_one(tmp_path):
+    """End to end: maps, calibration, disparity and flow, by the poses and labels that were rendered."""
+    bent = evis.lens.RadialTangential(k1=-0.3, k2=0.08, p1=1e-3, p2=-5e-4)
+    wide = evis.lens.Fisheye(k1=0.02, k2=-0.01)
+    builder = evis.SceneBuilder("pair", ambient=(1.0, 1.0, 1.0))
+    builder.material("white")
+    builder.material("black", color=(0.02, 0.02, 0.02))
+    builder.card("wall", size=(8, 8), material="black", pose=Placement(position=(0, 0, -2)))
+    moves = evis.motion.ConstantVelocity(velocity=(0.25, 0.1, 0.0))
+    ball = Placement(position=(-0.05, -0.02, 0.0))
+    builder.sphere("ball", radius=0.15, material="white", pose=replace(ball, motion=moves))
+    builder.node("head", pose=Placement(position=(0, 0, 1.6)))
+    lens = {"width": 120, "height": 90, "fx": 90.0, "fy": 91.0, "near": 0.1}
+    turn = Placement(position=(0.2, 0.012, -0.01), rotation_degrees=(2, 8, -3), parent="head")
+    cameras = [
+        evis.EventCamera(
+            name="left", cx=61.0, cy=44.0, distortion=bent, pose=Placement(parent="head"), **lens
+        ),
+        evis.EventCamera(name="right", cx=58.5, cy=46.5, distortion=wide, pose=turn, **lens),
+    ]
+    for camera in cameras:
+        builder.camera(camera)
+    sim = evis.Simulator(
+        builder.build(), method="native", rate_hz=500, labels=("depth", "flow"), label_rate_hz=20, seed=1
+    )
+    evis.save(tmp_path / "a.h5", sim.stream(duration=0.11))
+    recording = evis.load(tmp_path / "a.h5")
+    folder = tmp_path / "sequence"
+    assert run("convert", tmp_path / "a.h5", folder, "--format", "dsec") == 0
+    text = (folder / "calibration/cam_to_cam.yaml").read_text()
+    f, f_y, c_x, c_y = yaml_matrix(text, "camRect0")
+    assert f == f_y
+    assert np.array_equal(yaml_matrix(text, "camRect3"), yaml_matrix(text, "camRect0"))
+    assert yaml_matrix(text, "cam3").tolist() == [90.0, 91.0, 58.0, 46.0]
+    Q = yaml_rows(text, "cams_03")  # noqa: N806 - its name
+    assert Q[:3].tolist() == [[1, 0, 0, -c_x], [0, 1, 0, -c_y], [0, 0, 0, f]]
+    baseline = 1 / Q[3, 2]
+    assert baseline == pytest.approx(np.linalg.norm([0.2, 0.012, 0.01]))
+    # The same as the rig's in Python, in the files' convention.
+    T = yaml_rows(text, "T_21")  # noqa: N806 - its name
+    rig = evis.rig.Rig.load(folder / "calibration/cam_to_cam.yaml")
+    pair = rig.rectify("cam0", "cam3")
+    np.testing.assert_allclose(rig.transform("cam3", "cam0"), FLIP @ T @ FLIP, atol=1e-12)
+    R = {"left": yaml_rows(text, "R_rect0"), "right": yaml_rows(text, "R_rect3")}  # noqa: N806 - its name
+    np.testing.assert_allclose(pair.opencv()[0], R["left"], atol=1e-12)
+    np.testing.assert_allclose(pair.opencv()[1], R["right"], atol=1e-12)
+    maps = {}
+    for eye, name in (("left", "cam0"), ("right", "cam3")):
+        with h5py.File(folder / f"events/{eye}/rectify_map.h5") as file:
+            maps[eye] = file["rectify_map"][()]
+        assert maps[eye].dtype == np.float32
+        np.testing.assert_allclose(maps[eye], pair.map(name) - 0.5, atol=1e-4)
+    # A point that the left camera shows: where both rectified pictures have it, by what was stored.
+    view, other = recording["left"], recording["right"]
+    depths = view.labels["depth"]
+    to_right = np.linalg.inv(other.poses.matrix) @ view.poses.matrix
+    y, x = np.mgrid[:90, :120]
+    pixels = np.column_stack([x.ravel(), y.ravel()]) + 0.5
+    rays = view.camera.lens.unproject(pixels)
+    points = rays / -rays[:, 2:] * depths[0].reshape(-1, 1)
+    right = points @ to_right[0, :3, :3].T + to_right[0, :3, 3]
+    seen = other.camera.lens.project(right)
+    inside = (seen > 0).all(1) & (seen < [120, 90]).all(1)
+    assert inside.sum() > 5000
+    there = pair.pixels("cam3", seen[inside]) - 0.5
+    here = maps["left"].reshape(-1, 2)[inside]
+    along = (points[inside] @ (FLIP[:3, :3] @ R["left"].T @ FLIP[:3, :3]))[:, 2]
+    shift = here[:, 0] - there[:, 0]
+    assert np.abs(here[:, 1] - there[:, 1]).max() < 0.01
+    assert np.abs(shift - f * baseline / -along).max() < 0.01
+    raw = np.abs(pixels[inside, 1] - seen[inside, 1])
+    assert raw.max() > 5, "canary: rows of the distorted pictures differ"
+    # And what the images of disparity say: each pixel has it of the nearest one of the sensor's.
+    names = sorted((folder / "disparity/event").iterdir())
+    assert len(names) == len(depths)
+    image = png16(names[0])[..., 0] / 256
+    assert (image > 0).mean() > 0.95
+    disparity = np.full(90 * 120, np.nan)
+    disparity[inside] = shift
+    source = pair.sources("cam0", pixels)
+    nearest = np.floor(source).astype(int)
+    known = ((nearest >= 0) & (nearest < [120, 90])).all(1)
+    wanted = np.full(90 * 120, np.nan)
+    wanted[known] = disparity[nearest[known, 1] * 120 + nearest[known, 0]]
+    both = np.isfinite(wanted) & (image.ravel() > 0)
+    assert both.sum() > 4000
+    assert np.abs(image.ravel() - wanted)[both].max() < 0.5 / 256 + 0.01
+    assert np.ptp(wanted[both]) > 3, "the ball is nearer than the wall"
+    # Q makes points of it, in the rectified axes.
+    row, column = 45, 60
+    made = Q @ [column, row, image[row, column], 1]
+    assert made[2] / made[3] == pytest.approx(f * baseline / image[row, column])
+    # Flow, of the same pixels: the ball moves, and its middle as pinhole geometry says.
+    flow = png16(folder / "flow/forward/000000.png")
+    mask = (flow[..., 2] == 1).ravel()
+    decoded = ((flow[..., :2].astype(np.float64) - 2**15) / 128).reshape(-1, 2)
+    rendered = view.labels["flow_forward"][0].reshape(-1, 2)
+    begin = pixels[nearest[known, 1] * 120 + nearest[known, 0]]
+    ends = begin + rendered[nearest[known, 1] * 120 + nearest[known, 0]]
+    moved = np.full((90 * 120, 2), np.nan)
+    moved[known] = pair.pixels("cam0", ends) - pair.pixels("cam0", begin)
+    both = mask & np.isfinite(moved).all(1)
+    assert both.sum() > 9000
+    assert np.abs(decoded - moved)[both].max() < 0.5 / 128 + 1e-4
+    assert np.linalg.norm(moved[both], axis=1).max() > 0.5
+    # Events of the ball: the middle of its edges lies in one row, shifted by its disparity.
+    first, last = (recording[name].events for name in ("left", "right"))
+    assert len(first) > 500
+    a, b = pair.events("cam0", first), pair.events("cam3", last)
+    assert a.shape == (len(first), 2)
+    middles = np.array([(each.min(0) + each.max(0)) / 2 for each in (a, b)])
+    assert abs(middles[0, 1] - middles[1, 1]) < 1.0
+    middle = np.array([-0.05 + 0.25 * 0.055, -0.02 + 0.1 * 0.055, -1.6]) @ FLIP[:3, :3] @ R["left"].T
+    assert middles[0, 0] - middles[1, 0] == pytest.approx(f * baseline / middle[2], abs=1.0)
+    unmoved = [(each.y.min() + each.y.max()) / 2 for each in (first, last)]
+    assert abs(unmoved[0] - unmoved[1]) > 3, "canary"
+
+
+def test_what_dsec_cannot_rectify_is_said(tmp_path, capfd):
+    """Two cameras above each other: each without its own distortion, and no disparity."""
+    bent = evis.lens.RadialTangential(k1=-0.3, k2=0.08)
+    like = {"width": 64, "height": 48, "fx": 50.0, "distortion": bent}
+    up = evis.motion.Placement(position=(0, 0.2, 2))
+    cameras = [
+        evis.EventCamera(name="left", pose=evis.motion.Placement(position=(0, 0, 2)), **like),
+        evis.EventCamera(name="right", pose=up, **like),
+    ]
+    sim = evis.Simulator(
+        evis.Scene.builtin("spinner"), cameras=cameras, method="native", rate_hz=500, labels=("depth",)
+    )
+    evis.save(tmp_path / "a.h5", sim.stream(duration=0.02))
+    assert run("convert", tmp_path / "a.h5", tmp_path / "s", "--format", "dsec") == 0
+    told = capfd.readouterr().out
+    assert "side by side" in told
+    assert "no disparity" in told
+    text = (tmp_path / "s/calibration/cam_to_cam.yaml").read_text()
+    assert "disparity_to_depth" not in text
+    assert np.array_equal(yaml_rows(text, "R_rect3"), np.eye(3))
+    alone = evis.rig.Rig.stereo(0.1, evis.EventCamera(name="c", **like)).rectify()
+    with h5py.File(tmp_path / "s/events/right/rectify_map.h5") as file:
+        np.testing.assert_allclose(file["rectify_map"][()], alone.map("left") - 0.5, atol=1e-4)
 
 
 def recording_with_everything(path):

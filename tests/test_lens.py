@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 import pickle
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,7 @@ import pytest
 import evis
 from evis.imu import ImuNoise, from_poses, simulate
 from evis.lens import Fisheye, Lens, RadialTangential, distortion_of
-from evis.rig import Rig
+from evis.rig import Rig, RigCamera
 
 RADTAN = RadialTangential(k1=-0.31, k2=0.09, p1=1.1e-3, p2=-7e-4, k3=-0.01)
 RATIONAL = RadialTangential(k1=0.3, k2=-0.1, p1=5e-4, p2=1e-3, k3=0.01, k4=0.55, k5=-0.03, k6=0.02)
@@ -88,6 +89,171 @@ def test_distortions_have_opencvs_order() -> None:
         distortion_of("omni", [])
     with pytest.raises(evis.ConfigError, match="5"):
         distortion_of("fisheye", [0.0] * 5)
+
+
+#: The other lens of a pair; the first one is `K` with `RADTAN` or `FISHEYE`.
+K_RIGHT = {"fx": 302.0, "fy": 300.0, "cx": 176.1, "cy": 127.4}
+PAIRS: dict[str, tuple[RadialTangential | Fisheye | None, ...]] = {
+    "none": (None, None),
+    "radtan": (RADTAN, RadialTangential(k1=-0.27, k2=0.06, p1=-5e-4, p2=4e-4)),
+    "fisheye": (FISHEYE, Fisheye(k1=0.01, k2=-0.02, k3=0.003, k4=0.0004)),
+}
+FLIP = np.diag([1.0, -1.0, -1.0, 1.0])
+
+
+def pair_of(
+    distortions: tuple[RadialTangential | Fisheye | None, ...], right_from_left: npt.ArrayLike
+) -> Rig:
+    """Two cameras; the relative pose is in OpenCV's axes."""
+    pose = np.eye(4)
+    pose[:3] = right_from_left
+    placed = FLIP @ np.linalg.inv(pose) @ FLIP
+    rows = (np.eye(4), placed)
+    made = (
+        RigCamera(
+            name=name,
+            width=346,
+            height=260,
+            distortion=distortion,
+            body_from_camera=tuple(map(tuple, row)),  # type: ignore[arg-type]
+            **lens,
+        )
+        for name, lens, distortion, row in zip(
+            ("left", "right"), (K, K_RIGHT), distortions, rows, strict=True
+        )
+    )
+    return Rig(tuple(made))
+
+
+@pytest.mark.parametrize("name", list(PAIRS))
+def test_rectification_is_what_opencv_had(name: str) -> None:
+    """What its stereoRectify gave, and directions that it projected into both distorted pictures."""
+    table = json.loads((Path(__file__).parent / "data" / "opencv_rectification.json").read_text("utf-8"))
+    theirs = table[name]
+    rig = pair_of(PAIRS[name], table["right_from_left"])
+    pair = rig.rectify()
+    R1, R2, P1, P2, Q = pair.opencv()  # noqa: N806 - its names
+    for ours, key in ((R1, "R1"), (R2, "R2")):
+        np.testing.assert_allclose(ours, theirs[key], atol=1e-8)
+    assert np.abs(R1 - theirs["R2"]).max() > 0.05, "canary: halves of the rotation go two ways"
+    assert P2[0, 3] / P2[0, 0] == pytest.approx(theirs["P2_03"] / theirs["lens_1"][0], rel=1e-7)
+    # A direction in the rectified axes, where its pictures have it, and the way back.
+    slopes = np.array(table["points"])
+    focal, center = P1[[0, 1], [0, 1]], P1[:2, 2]
+    for camera in ("left", "right"):
+        there = np.array(theirs[camera]) + 0.5
+        np.testing.assert_allclose((pair.pixels(camera, there) - 0.5 - center) / focal, slopes, atol=1e-7)
+        np.testing.assert_allclose(pair.sources(camera, slopes * focal + center + 0.5), there, atol=1e-5)
+    wrong = pair.pixels("right", np.array(theirs["left"]) + 0.5)
+    assert np.abs((wrong - 0.5 - center) / focal - slopes).max() > 0.01, "canary"
+    # The lens is chosen as its stereoRectify does, but for half pixels at the borders; fisheye.stereoRectify
+    # has another way.
+    if name != "fisheye":
+        for alpha in (0, 1):
+            lens = rig.rectify(alpha=alpha).lens
+            fx, fy, cx, cy = theirs[f"lens_{alpha}"]
+            assert lens.fx == lens.fy == pytest.approx(fx, rel=0.01)
+            assert fx == fy
+            assert (lens.cx - 0.5, lens.cy - 0.5) == pytest.approx((cx, cy), abs=1.5)
+    # Q is the inverse of both projections.
+    x, y, d, one = Q @ [200.0, 150.0, 12.0, 1.0]
+    point = np.array([x, y, d, one]) / one
+    assert P1 @ point / point[2] == pytest.approx([200.0, 150.0, 1.0])
+    assert P2 @ point / point[2] == pytest.approx([188.0, 150.0, 1.0])
+
+
+@pytest.mark.parametrize("name", list(PAIRS))
+def test_rectification_is_opencvs(name: str) -> None:
+    """Where OpenCV is installed: its rotations, and its undistorted points."""
+    cv2 = pytest.importorskip("cv2")
+    table = json.loads((Path(__file__).parent / "data" / "opencv_rectification.json").read_text("utf-8"))
+    rig = pair_of(PAIRS[name], table["right_from_left"])
+    pair = rig.rectify()
+    R1, R2, P1, P2, _ = pair.opencv()  # noqa: N806 - its names
+    pixels = np.random.default_rng(7).uniform([0, 0], [346, 260], (200, 2))
+    for camera, turn, seen in zip(rig.cameras, (R1, R2), (P1, P2), strict=True):
+        matrix = np.array([[camera.fx, 0, camera.cx - 0.5], [0, camera.fy, camera.cy - 0.5], [0, 0, 1.0]])
+        distortion = np.zeros(8) if camera.distortion is None else np.array(camera.distortion.coefficients)
+        undistort = getattr(cv2, "undistortPointsIter", cv2.undistortPoints)
+        theirs = (cv2.fisheye.undistortPoints if name == "fisheye" else undistort)(
+            (pixels - 0.5).reshape(-1, 1, 2),
+            matrix,
+            distortion,
+            R=turn,
+            P=seen[:, :3],
+            criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 500, 1e-12),
+        )
+        ours = pair.pixels(camera.name, pixels)
+        assert np.abs(ours - 0.5 - theirs.reshape(-1, 2)).max() < 1e-5
+        assert np.abs(ours - theirs.reshape(-1, 2)).min() > 0.4, "canary"
+
+
+@pytest.mark.parametrize("left", list(PAIRS))
+@pytest.mark.parametrize("right", list(PAIRS))
+def test_rectified_points_lie_in_one_row(left: str, right: str) -> None:
+    """Whatever the lenses: rows are equal, and the disparity tells the depth along the rectified axis."""
+    table = json.loads((Path(__file__).parent / "data" / "opencv_rectification.json").read_text("utf-8"))
+    rig = pair_of((PAIRS[left][0], PAIRS[right][1]), table["right_from_left"])
+    pair = rig.rectify(alpha=0.5)
+    seen = points()
+    there = seen @ rig.transform("right", "left")[:3, :3].T + rig.transform("right", "left")[:3, 3]
+    here, over = rig.camera("left").lens.project(seen), rig.camera("right").lens.project(there)
+    both = np.isfinite(here).all(1) & np.isfinite(over).all(1)
+    assert both.sum() > 400
+    a, b = pair.pixels("left", here[both]), pair.pixels("right", over[both])
+    depth = -(seen[both] @ pair.rectified_from_left.T)[:, 2]
+    np.testing.assert_allclose(a[:, 1], b[:, 1], atol=1e-6)
+    np.testing.assert_allclose(a[:, 0] - b[:, 0], pair.lens.fx * pair.baseline / depth, atol=1e-6)
+    assert np.abs(here[both, 1] - over[both, 1]).max() > 5, "canary: they are not rectified"
+    np.testing.assert_allclose(pair.sources("left", a), here[both], atol=1e-6)
+
+
+def test_pairs_that_cannot_be_rectified_are_refused() -> None:
+    """By name, value and what would work; what the lens does not see is NaN."""
+    still = np.eye(3)
+
+    def apart(rotation: npt.ArrayLike, position: npt.ArrayLike) -> Rig:
+        turned = np.asarray(rotation)
+        place = np.array(position)
+        return pair_of(PAIRS["radtan"], np.column_stack([turned, -turned @ place]))
+
+    def turn(degrees: float) -> npt.NDArray[np.float64]:
+        c, s = math.cos(math.radians(degrees)), math.sin(math.radians(degrees))
+        return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+    for rig, message in (
+        (apart(still, [0, 0, 0]), "0 m apart"),
+        (apart(still, [-0.1, 0, 0]), "exchange them"),
+        (apart(still, [0.01, 0.1, 0]), "side by side"),
+        (apart(turn(178), [0.1, 0, 0]), "look 0 and 178 degrees away"),
+        (apart(turn(-178), [0.1, 0, 0]), "look 0 and 178 degrees away"),
+    ):
+        with pytest.raises(evis.ConfigError, match=message):
+            rig.rectify()
+    rig = apart(still, [0.1, 0, 0])
+    with pytest.raises(evis.ConfigError, match=r"alpha is 1\.1"):
+        rig.rectify(alpha=1.1)
+    small = Rig((rig.cameras[0], replace(rig.cameras[1], width=320)))
+    with pytest.raises(evis.ConfigError, match="346x260 and 320x260"):
+        small.rectify()
+    with pytest.raises(evis.ConfigError, match="left, right"):
+        rig.rectify("left", "middle")
+    with pytest.raises(evis.ConfigError, match="names of two cameras"):
+        Rig(rig.cameras[:1]).rectify()
+    pair = rig.rectify("left", "right")
+    with pytest.raises(evis.ConfigError, match="'middle'"):
+        pair.map("middle")
+    events = evis.EventArray.from_columns([0], [3], [2], [1], width=4, height=4)
+    with pytest.raises(evis.ConfigError, match="4x4"):
+        pair.events("left", events)
+    # A barrel that folds before the corners of the picture, where it shows nothing.
+    folds = replace(rig.cameras[0], distortion=RadialTangential(k1=-1.2))
+    bent = Rig((folds, replace(rig.cameras[1], distortion=folds.distortion))).rectify()
+    places = bent.map("left")
+    assert np.isnan(places[0, 0]).all()
+    assert np.isfinite(places[130, 173]).all()
+    corner = evis.EventArray.from_columns([0, 1], [0, 173], [0, 130], [1, 1], width=346, height=260)
+    np.testing.assert_array_equal(bent.events("left", corner), places[[0, 130], [0, 173]])
 
 
 def camera(**more: object) -> evis.EventCamera:

@@ -443,9 +443,14 @@ def batch_of(
     *,
     reset: dict[int, list[int]],
     broken: dict[int, int] | None = None,
+    read=lambda view: view.events.to_numpy(),
+    keep: tuple[str, ...] = ("look", "wrist"),
     **more,
 ):
-    """Run arms that swing at speeds of their own; `reset` and `broken`: environments by step."""
+    """Run arms that swing at speeds of their own; `reset` and `broken`: environments by step.
+
+    `read`: what is kept of each view of each packet, of the cameras `keep`.
+    """
     model = model_of("arm")
     states = [mujoco.MjData(model) for _ in range(3)]
     renderer = renderer_of(
@@ -454,7 +459,7 @@ def batch_of(
     for k, data in enumerate(states):
         data.qvel[:] = [4 + 3 * k, 2, -3]
     renderer.observe(states)
-    found: list[dict[str, list[np.ndarray]]] = [{"look": [], "wrist": []} for _ in states]
+    found: list[dict[str, list[np.ndarray]]] = [{name: [] for name in keep} for _ in states]
     for step in range(1, steps + 1):
         begun = reset.get(step, [])
         for environment in begun:
@@ -475,8 +480,8 @@ def batch_of(
             renderer.render()
             for environment, of in enumerate(found):
                 for name, own in of.items():
-                    own += [packet[environment][name].events.to_numpy() for packet in renderer.packets]
-    return renderer, [np.concatenate([*of["look"], *of["wrist"]]) for of in found]
+                    own += [read(packet[environment][name]) for packet in renderer.packets]
+    return renderer, [np.concatenate([each for own in of.values() for each in own]) for of in found]
 
 
 def test_one_environment_begins_again_without_firing_and_neighbours_do_not_change(device: evis.Device):
@@ -518,6 +523,47 @@ def test_an_episode_after_a_reset_is_that_of_a_renderer_of_its_own(device: evis.
         own = own[(own["t"] >= 12_000) & (own["t"] < 18_000)].copy()
         own["t"] -= 12_000
         assert np.array_equal(own, events)
+
+
+@pytest.mark.parametrize("kind", ["counts", "voxel_grid"])
+def test_dense_arrays_are_those_of_the_events_after_a_reset_too(device: evis.Device, kind: str):
+    made = evis.representations.Dense(kind, **({"bins": 4} if kind == "voxel_grid" else {}))
+    dense = {"dense": made, "dense_window_us": 2000, "read": lambda view: np.stack(view.dense.arrays)}
+    # A reset lies between windows.
+    with pytest.raises(evis.ConfigError, match=r"multiple of dense_window_us \(3000 us\)"):
+        batch_of(device, 6, reset={4: [2]}, **{**dense, "dense_window_us": 3000})
+    resets = {4: [2], 7: [0, 1]}
+    _, alone = batch_of(device, 12, reset={}, **dense)
+    _, arrays = batch_of(device, 12, reset=resets, **dense)
+    for begin, camera in ((0, "look"), (12, "wrist")):
+        _, events = batch_of(device, 12, reset=resets, keep=(camera,))
+        for environment in range(3):
+            whole = evis.EventArray(events[environment], width=64, height=48)
+            assert len(whole) > 200
+            windows = list(whole.windows(edges=range(0, 24_001, 2000)))
+            assert len(windows) == 12
+            for window, found in zip(windows, arrays[environment][begin : begin + 12], strict=True):
+                np.testing.assert_allclose(found, made(window), atol=1e-4)
+    assert all(len(own) == 2 * 12 for own in arrays), "two cameras, 24 ms"
+    # Canaries: resets change what they are of, from their time on, and there is something in the arrays.
+    assert np.array_equal(arrays[0][:5], alone[0][:5])
+    assert not np.array_equal(arrays[0], alone[0])
+    assert all(np.abs(own).sum() > 400 for own in arrays)
+    # `render` returns the windows of the camera that is shown.
+    model = model_of("arm")
+    one = renderer_of(model, device, height=48, width=64, camera="look", dense=made, dense_window_us=3000)
+    data = mujoco.MjData(model)
+    assert len(one.render()) == 0
+    data.qvel[:] = [4, 2, -3]
+    one.observe(data)
+    run(one, model, data, 3, every=3)
+    assert one.packet.view.dense.end_us.tolist() == [3000, 6000]
+    for _ in range(3):
+        mujoco.mj_step(model, data)
+        one.observe(data)
+    windows = one.render()
+    assert windows.end_us.tolist() == [9000, 12000]
+    assert np.array_equal(windows[1], one.packet.view.dense[1])
 
 
 def test_resets_within_portions_and_of_all(device: evis.Device):

@@ -20,6 +20,8 @@ __all__ = [
     "EvisError",
     "FormatError",
     "FrameReader",
+    "HostBodies",
+    "HostSpan",
     "Label",
     "Packet",
     "Recording",
@@ -67,6 +69,7 @@ __all__ = [
     "read_events",
     "recognise_format",
     "recommend_chart",
+    "rig_rectify",
     "rig_text",
     "run_cli",
     "scene_bodies",
@@ -210,6 +213,9 @@ def lens_unproject(
 ) -> npt.NDArray[np.float64]: ...
 def load_rig(path: str | PathLike[str]) -> str: ...
 def parse_rig(text: str) -> str: ...
+def rig_rectify(
+    json: str, left: int, right: int, alpha: float
+) -> tuple[list[list[float]], list[list[float]], tuple[float, float, float, float], float]: ...
 def rig_text(json: str, format: str) -> str: ...
 def scene_bodies(
     scene: Scene, cameras: list[str], environment: int, start_us: int, t_us: list[int]
@@ -311,6 +317,16 @@ class Packet:
     def views(self) -> list[View]: ...
     @property
     def report(self) -> dict[str, Any]: ...
+    @property
+    def host(self) -> HostSpan | None: ...
+
+@final
+class HostSpan: ...
+
+@final
+class HostBodies:
+    def __new__(cls, scene: Scene, nodes: list[str], cameras: list[str], start_us: int) -> HostBodies: ...
+    def follow(self, span: HostSpan, t_us: list[int]) -> list[tuple[Any, ...]]: ...
 
 @final
 class Simulator:

@@ -591,7 +591,10 @@ class Writer:
         ``{"arm": ["shoulder", "elbow"]}``; HDF5 only.
     pose_rate_hz : float, optional
         Poses and velocities of objects and cameras per second, up to the end of the last packet
-        (`Recording.bodies`); none where not given. HDF5 only, and not where poses come from outside.
+        (`Recording.bodies`); none where not given. HDF5 only. Where a host moves nodes (``poses`` of the
+        simulator), also at the times at which it gave poses, as it gave them, and a microsecond after a
+        `Simulator.reset` that moved a node; velocities are then those that it gave, or the mean ones since
+        the pose before.
 
     Raises
     ------
@@ -639,10 +642,9 @@ class Writer:
         if self._pose_rate_hz is not None:
             if self._format != "hdf5":
                 raise ConfigError(f"{path.suffix} holds no poses; write to .h5, or leave pose_rate_hz away")
-            if simulator._driven or simulator._changed:
-                raise ConfigError("pose_rate_hz is given, but poses come from outside; leave it away")
             _evis.body_times(self._pose_rate_hz, 0, 0)
         self._bodies_until_us = -1
+        self._host_bodies: _evis.HostBodies | None = None
         if self._format != "hdf5" and (len(simulator.cameras) > 1 or simulator.labels):
             raise ConfigError(
                 f"{path.suffix} holds the events of one camera; the simulator has {len(simulator.cameras)} "
@@ -698,6 +700,26 @@ class Writer:
         cameras = [camera.name for camera in simulator.cameras]
         start_us = simulator._engine.start_us
         return bodies_of(simulator.scene._raw, cameras, environment, start_us, t_us)
+
+    def _bodies_of(self, packet: Packet, rate_hz: float) -> list[Bodies]:
+        """Where bodies were during a packet, by environment."""
+        simulator = self._simulator
+        if simulator._driven and packet._host is None:
+            raise ConfigError(
+                f"the packet of {packet.start_us} to {packet.end_us} us is a copy, which does not say where "
+                "nodes were; with pose_rate_hz, write what Simulator.step returned"
+            )
+        times = _evis.body_times(rate_hz, self._bodies_until_us, packet.end_us)
+        self._bodies_until_us = packet.end_us
+        if packet._host is None or not simulator._driven:
+            return [self._bodies(each, times) for each in range(len(self._paths))] if times else []
+        if self._host_bodies is None:
+            cameras = [camera.name for camera in simulator.cameras]
+            start_us = simulator._engine.start_us
+            self._host_bodies = _evis.HostBodies(simulator.scene._raw, simulator._driven, cameras, start_us)
+        # Nothing is known of what was before the first packet that is written.
+        known = [t_us for t_us in times if t_us >= packet.start_us]
+        return [Bodies._of(raw) for raw in self._host_bodies.follow(packet._host, known)]
 
     def _open_events(self) -> list[_evis.EventFileWriter]:
         camera = self._simulator.cameras[0]
@@ -788,12 +810,16 @@ class Writer:
             If the disk refuses.
         FormatError
             If the packet does not continue what was written.
+        ConfigError
+            If the poses of nodes that a host moves are wanted, and the packet is a copy.
         """
         if self._format != "hdf5":
             event_writers = self._open_events()
             for view in packet.views:
                 event_writers[view.environment].write(np.ascontiguousarray(view.events.to_numpy()))
             return
+        rate_hz = self._pose_rate_hz
+        bodies = [] if rate_hz is None else self._bodies_of(packet, rate_hz)
         writers = self._open()
         for view in packet.views:
             writer = writers[view.environment]
@@ -805,13 +831,9 @@ class Writer:
                 ):
                     writer.write_label(camera, labels.kind, t_us, t_other_us, image)
             writer.write_poses(camera, view.poses.t_us, view.poses.position, view.poses.rotation)
-        if self._pose_rate_hz is not None:
-            times = _evis.body_times(self._pose_rate_hz, self._bodies_until_us, packet.end_us)
-            self._bodies_until_us = packet.end_us
-            for environment, writer in enumerate(writers if times else []):
-                made = self._bodies(environment, times)
-                velocities = made.linear_velocity, made.angular_velocity
-                writer.write_bodies(made.t_us, made.position, made.rotation, *velocities)
+        for writer, made in zip(writers, bodies, strict=False):
+            velocities = made.linear_velocity, made.angular_velocity
+            writer.write_bodies(made.t_us, made.position, made.rotation, *velocities)
         for name, amount in asdict(packet.report).items():
             self._totals[name] = self._totals.get(name, type(amount)()) + amount
 

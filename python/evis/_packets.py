@@ -585,9 +585,13 @@ class Packet(_OneView):
         Counts and measured times.
     """
 
-    __slots__ = ("_environments", "end_us", "report", "start_us", "views")
+    __slots__ = ("_environments", "_host", "end_us", "report", "start_us", "views")
+
+    # What a host said of its time: for a `Writer` that records bodies. Copies and pickles go without it.
+    _host: _evis.HostSpan | None
 
     def __init__(self, start_us: int, end_us: int, views: tuple[View, ...], report: Report) -> None:
+        self._host = None
         self.start_us = start_us
         self.end_us = end_us
         self.views = views
@@ -598,6 +602,10 @@ class Packet(_OneView):
         self._environments = tuple(
             EnvironmentPacket(index, tuple(group)) for index, group in sorted(grouped.items())
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Pickle what users see."""
+        return Packet, (self.start_us, self.end_us, self.views, self.report)
 
     @property
     def environments(self) -> tuple[EnvironmentPacket, ...]:
@@ -800,4 +808,6 @@ def packet_from(
         events = EventArray._trusted(view.events, camera.width, camera.height)
         poses = Poses(*view.poses)
         views.append(View(view.environment, camera, events, labels, poses, causes, _dense(view.dense)))
-    return Packet(raw.start_us, raw.end_us, tuple(views), Report(**raw.report))
+    packet = Packet(raw.start_us, raw.end_us, tuple(views), Report(**raw.report))
+    packet._host = raw.host
+    return packet

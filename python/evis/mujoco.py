@@ -31,7 +31,7 @@ from ._builder import SceneBuilder
 from ._events import EventArray, EventCD
 from ._evis import ConfigError, srgb_table
 from ._glb import Glb
-from ._packets import CameraInfo, Packet
+from ._packets import CameraInfo, DenseWindows, Packet
 from ._poses import NodePoses
 from ._rotations import difference, interpolated
 from ._scene import EventCamera, Scene
@@ -422,7 +422,8 @@ class EventRenderer:
         -------
         EventArray or list of EventArray
             Events of the camera that is shown, as `evis.Packet.events`: t in microseconds since the first
-            observation. With several environments a list of one for each.
+            observation. With several environments a list of one for each. With ``dense=`` among the
+            settings, `evis.packets.DenseWindows` in the place of each: the windows that ended since then.
 
         Raises
         ------
@@ -433,17 +434,25 @@ class EventRenderer:
         until_us = 0 if not self._seen else self._seen[-1].t_us // self._step_us * self._step_us
         if until_us > self._simulator.now_us:
             self._waiting.append(self._advance(until_us))
+        dense = self._simulator.dense is not None
         if not self._waiting:
             camera = self._simulator.cameras[self._shown]
-            none = EventArray(np.zeros(0, EventCD), width=camera.width, height=camera.height)
+            none = (
+                _joined_windows([])
+                if dense
+                else EventArray(np.zeros(0, EventCD), width=camera.width, height=camera.height)
+            )
             return none if self._count == 1 else [none] * self._count
         self._packets, self._waiting = tuple(self._waiting), []
         name = self._names[self._shown]
-        events = [
-            _joined([packet[environment][name].events for packet in self._packets])
-            for environment in range(self._count)
+        views = [[packet[each][name] for packet in self._packets] for each in range(self._count)]
+        made: list[Any] = [
+            _joined_windows([view.dense for view in own if view.dense is not None])
+            if dense
+            else _joined([view.events for view in own])
+            for own in views
         ]
-        return events[0] if self._count == 1 else events
+        return made[0] if self._count == 1 else made
 
     def reset(self, env_ids: int | Sequence[int] | npt.NDArray[np.integer[Any]] | None = None) -> None:
         """Forget everything, or begin new episodes of some environments.
@@ -982,6 +991,16 @@ def _joined(events: list[EventArray]) -> EventArray:
         return events[0]
     width, height = events[0].sensor_size
     return EventArray(np.concatenate([each.to_numpy() for each in events]), width=width, height=height)
+
+
+def _joined_windows(windows: list[DenseWindows]) -> DenseWindows:
+    """Dense arrays of one camera one after the other."""
+    none = [np.zeros(0, np.int64)]
+    return DenseWindows(
+        np.concatenate([*none, *(each.start_us for each in windows)]),
+        np.concatenate([*none, *(each.end_us for each in windows)]),
+        tuple(array for each in windows for array in each.arrays),
+    )
 
 
 _BODY, _CAMERA, _LIGHT, _FREE, _TENDON = range(5)

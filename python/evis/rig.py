@@ -7,7 +7,7 @@ that of EVIS (x right, y up, cameras look along -z; pixel centres at +0.5). `Rig
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +16,9 @@ import numpy as np
 import numpy.typing as npt
 
 from . import _check, _evis
+from ._events import EventArray, EventCarrier, EventWindow
 from ._evis import ConfigError
+from ._packets import AnyEvents
 from ._scene import EventCamera
 from .lens import Distortion, Lens, distortion_of
 from .motion import Placement
@@ -73,6 +75,183 @@ class RigCamera:
             "distortion": None if distortion is None else [distortion.model, list(distortion.coefficients)],
             "body_from_camera": [list(map(float, row)) for row in self.body_from_camera],
         }
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Rectification:
+    """Two cameras of a rig whose pictures are rectified: what one shows lies in the same row of the other.
+
+    Made by `Rig.rectify`. Both are seen through one pinhole, `lens`, along the same axes: the baseline runs
+    along +x. A point at depth z along the rectified axis has the disparity ``lens.fx * baseline / z`` in
+    pixels, its column in the left rectified picture less that in the right one. Pixel centres lie at +0.5.
+
+    Attributes
+    ----------
+    left, right : RigCamera
+        The cameras; their pictures and the rectified ones have one size.
+    lens : Lens
+        The pinhole of both rectified pictures.
+    baseline : float
+        Metres between the cameras.
+    rectified_from_left, rectified_from_right : numpy.ndarray
+        float64 (3, 3), rotations from the cameras' axes to the rectified ones (x right, y up, -z forward).
+
+    Examples
+    --------
+    >>> import evis
+    >>> bent = evis.lens.RadialTangential(k1=-0.3, k2=0.1)
+    >>> camera = evis.EventCamera(name="camera", width=64, height=48, fx=56, distortion=bent)
+    >>> pair = evis.rig.Rig.stereo(0.1, camera).rectify()
+    >>> pair.map("left").shape
+    (48, 64, 2)
+    """
+
+    left: RigCamera
+    right: RigCamera
+    lens: Lens
+    baseline: float
+    rectified_from_left: npt.NDArray[np.float64]
+    rectified_from_right: npt.NDArray[np.float64]
+    _maps: dict[str, npt.NDArray[np.float64]] = field(default_factory=dict, repr=False)
+
+    def pixels(self, camera: str, pixels: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return where places in the picture of a camera lie in its rectified one.
+
+        Parameters
+        ----------
+        camera : str
+            Name of the left or the right camera.
+        pixels : array_like
+            (N, 2), places in the distorted picture; pixel centres at +0.5.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64 (N, 2), which may be outside of the picture; NaN where the lens sees nothing (beyond the
+            radius up to which its model is one to one), or nothing before the rectified plane.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such camera, or the shape is another.
+        """
+        own, rotation = self._of(camera)
+        made: npt.NDArray[np.float64] = self.lens.project(own.lens.unproject(pixels) @ rotation.T)
+        return made
+
+    def sources(self, camera: str, pixels: npt.ArrayLike) -> npt.NDArray[np.float64]:
+        """Return where places in the rectified picture of a camera lie in its own one: inverts `pixels`.
+
+        Parameters
+        ----------
+        camera : str
+            Name of the left or the right camera.
+        pixels : array_like
+            (N, 2), places in the rectified picture; pixel centres at +0.5.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64 (N, 2), which may be outside of the picture; NaN where the lens shows nothing.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such camera, or the shape is another.
+        """
+        own, rotation = self._of(camera)
+        made: npt.NDArray[np.float64] = own.lens.project(self.lens.unproject(pixels) @ rotation)
+        return made
+
+    def map(self, camera: str) -> npt.NDArray[np.float64]:
+        """Return the rectified place of every pixel, float64 (H, W, 2): x and y, computed once.
+
+        NaN as in `pixels`. DSEC's ``rectify_map`` is 0.5 less, as float32, with -1 in the place of NaN.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such camera.
+        """
+        own, _ = self._of(camera)
+        if camera not in self._maps:
+            y, x = np.mgrid[: own.height, : own.width] + 0.5
+            places = self.pixels(camera, np.column_stack([x.ravel(), y.ravel()]))
+            made = places.reshape(own.height, own.width, 2)
+            made.flags.writeable = False
+            self._maps[camera] = made
+        return self._maps[camera]
+
+    def events(self, camera: str, events: AnyEvents) -> npt.NDArray[np.float64]:
+        """Return the rectified places of events.
+
+        Parameters
+        ----------
+        camera : str
+            Name of the left or the right camera.
+        events : EventArray, View or other carrier of events
+            N events of this camera.
+
+        Returns
+        -------
+        numpy.ndarray
+            float64 (N, 2), x and y of the middle of each event's pixel in the rectified picture; NaN as in
+            `pixels`. Times and polarities are those of the events.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such camera, or the events have another size.
+        """
+        own, _ = self._of(camera)
+        array = events._event_array() if isinstance(events, EventCarrier) else events
+        if not isinstance(array, (EventArray, EventWindow)):
+            raise ConfigError(
+                f"events is {_check.shown(events)}; it must be an EventArray, a window or a view of them"
+            )
+        if (array.width, array.height) != (own.width, own.height):
+            raise ConfigError(
+                f"events are {array.width}x{array.height}, and camera {camera!r} has "
+                f"{own.width}x{own.height} pixels; give events of this camera"
+            )
+        return self.map(camera)[array.y, array.x]
+
+    def opencv(self) -> tuple[npt.NDArray[np.float64], ...]:
+        """Return R1, R2, P1, P2 and Q as OpenCV's ``stereoRectify`` does.
+
+        Returns
+        -------
+        tuple of numpy.ndarray
+            float64: R1 and R2 (3, 3), rotations from the cameras' axes to the rectified ones; P1 and P2
+            (3, 4), projections of points in the rectified axes of the left camera; Q (4, 4), which takes
+            (x, y, disparity, 1) there. x right, y down, z forward; pixel centres at whole numbers.
+        """
+        sign = np.diag([1.0, -1.0, -1.0])
+        lens = self.lens
+        left = np.zeros((3, 4))
+        left[:, :3] = [[lens.fx, 0.0, lens.cx - 0.5], [0.0, lens.fy, lens.cy - 0.5], [0.0, 0.0, 1.0]]
+        right = left.copy()
+        right[0, 3] = -lens.fx * self.baseline
+        tall = lens.fx / lens.fy
+        depth = np.array(
+            [
+                [1.0, 0.0, 0.0, -left[0, 2]],
+                [0.0, tall, 0.0, -left[1, 2] * tall],
+                [0.0, 0.0, 0.0, lens.fx],
+                [0.0, 0.0, 1.0 / self.baseline, 0.0],
+            ]
+        )
+        turned = (sign @ of @ sign for of in (self.rectified_from_left, self.rectified_from_right))
+        return (*turned, left, right, depth)
+
+    def _of(self, camera: str) -> tuple[RigCamera, npt.NDArray[np.float64]]:
+        if camera == self.left.name:
+            return self.left, self.rectified_from_left
+        if camera == self.right.name:
+            return self.right, self.rectified_from_right
+        raise ConfigError(
+            f"camera is {_check.shown(camera)}; it must be {_check.one_of((self.left.name, self.right.name))}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,7 +364,9 @@ class Rig:
         Parameters
         ----------
         format : {"kalibr", "dsec"}
-            ``camchain.yaml`` or ``cam_to_cam.yaml``; the latter takes one, two or four cameras.
+            ``camchain.yaml`` or ``cam_to_cam.yaml``; the latter takes one, two or four cameras, and holds the
+            rectified ones too where the first and the last are a pair that `rectify` takes (of four, the two
+            in the middle as well), or there is one camera.
 
         Raises
         ------
@@ -282,6 +463,47 @@ class Rig:
         flip = np.diag([1.0, -1.0, -1.0, 1.0])
         made: npt.NDArray[np.float64] = flip @ self.transform(right, left) @ flip
         return made
+
+    def rectify(
+        self, left: str | None = None, right: str | None = None, *, alpha: float = 0.0
+    ) -> Rectification:
+        """Return how the pictures of two cameras are rectified, whatever their lenses and relative pose.
+
+        The rotations are those of OpenCV's ``stereoRectify`` and ``fisheye.stereoRectify`` (Bouguet's
+        method): each camera takes half of the rotation between both, and the smallest rotation that lays the
+        baseline along +x is added. Both get one focal length and one principal point
+        (``CALIB_ZERO_DISPARITY``), chosen as ``stereoRectify`` does from the edges of the pictures; of wide
+        lenses from the largest part around the centre whose corners are less than 80 degrees from the
+        rectified axis. A pair of equal pinholes that is parallel already stays as it is.
+
+        Parameters
+        ----------
+        left, right : str, optional
+            Names of the cameras; those of a rig of two where not given.
+        alpha : float
+            0: every pixel of the rectified pictures shows something; 1: they hold all that the cameras see;
+            between them the focal length is.
+
+        Raises
+        ------
+        ConfigError
+            If there is no such camera, or the rig has others and none is named; for cameras of different
+            sizes, at one place, one of which is not to the right of the other, or that look away from each
+            other; for an ``alpha`` outside of 0 to 1.
+        """
+        names = [camera.name for camera in self.cameras]
+        if left is None and right is None and len(names) == 2:
+            left, right = names
+        if left is None or right is None:
+            raise ConfigError(
+                f"rectify takes the names of two cameras, left and right; the rig has {', '.join(names)}"
+            )
+        pair = self.camera(left), self.camera(right)
+        first, second, (fx, fy, cx, cy), baseline = _evis.rig_rectify(
+            self._json(), names.index(left), names.index(right), _check.number("alpha", alpha)
+        )
+        lens = Lens(fx=fx, fy=fy, cx=cx, cy=cy)
+        return Rectification(*pair, lens, baseline, np.array(first), np.array(second))
 
     def camera(self, name: str) -> RigCamera:
         """Return the camera of this name.

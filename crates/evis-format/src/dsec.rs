@@ -4,12 +4,14 @@
 //! ```text
 //! events/<left|right>/events.h5            /events/{x, y, t, p}, /ms_to_idx, /t_offset
 //! events/<left|right>/rectify_map.h5       /rectify_map (H, W, 2) f32: the rectified x, y of each pixel
-//! flow/forward/NNNNNN.png                  x · 128 + 2^15, y · 128 + 2^15, validity; of the left camera
+//! flow/forward/NNNNNN.png                  x · 128 + 2^15, y · 128 + 2^15, validity; of the rectified left camera
 //! flow/forward_timestamps.txt              from, to in microseconds
-//! disparity/event/NNNNNN.png               disparity · 256, 0 where unknown; of the left camera
+//! disparity/event/NNNNNN.png               disparity · 256, 0 where unknown; of the rectified left camera
 //! disparity/timestamps.txt                 microseconds
 //! calibration/cam_to_cam.yaml
 //! ```
+//! Events are those of the sensor's own pixels. Pixel centres lie at whole numbers.
+//!
 //! Sources: <https://dsec.ifi.uzh.ch/data-format/> and the loaders in `uzh-rpg/DSEC`.
 
 use std::fmt::Write as _;
@@ -19,6 +21,8 @@ use std::path::{Path, PathBuf};
 use evis_core::format::FormatError;
 use evis_core::format::hdf5::{Recording, RecordingHeader, RecordingWriter};
 use evis_core::{CameraInfo, Event, LabelData, LabelKind, PoseSample};
+use evis_scene::{DsecRectification, RectifiedCamera, Rig, RigCamera};
+use glam::{DMat4, DQuat, DVec2, DVec3};
 use rust_hdf5::{H5File, Hdf5Error};
 
 use crate::files::draft_path;
@@ -32,8 +36,11 @@ use crate::write::{EventWriter, WriteOptions};
 const US_AT_ONCE: i64 = 20_000;
 /// Events whose writing takes about as long as that of an image, for progress.
 const EVENTS_PER_IMAGE: u64 = 200_000;
-/// Largest angle between the cameras of a rectified pair, radians: a tenth of a pixel at f = 1000.
-const PARALLEL: f64 = 1.0e-4;
+/// Largest entry by which a pair's relative pose may differ from its first one, in metres and as a rotation: cameras of one rig
+/// differ by rounding.
+const FIXED: f64 = 1.0e-6;
+/// What a map has where the lens sees nothing: outside of the picture, for every reader.
+const NOWHERE: [f32; 2] = [-1.0; 2];
 
 /// The names that the cameras have in DSEC.
 const EYES: [&str; 2] = ["left", "right"];
@@ -229,45 +236,151 @@ fn export(
     for &camera in &order {
         parts += recording.event_count(camera)?;
     }
-    let pair = order.get(1).map(|&right| Pair::of(recording, left, right)).transpose()?.flatten();
-    let rectified = pair.as_ref().is_some_and(Pair::is_rectified);
-    for (kind, wanted) in [(LabelKind::FlowForward, true), (LabelKind::Depth, rectified)] {
+    let infos: Vec<&CameraInfo> = order.iter().filter_map(|&camera| cameras.get(camera)).collect();
+    let mut export = DsecExport::default();
+    let calibration = calibrate(recording, &order, &infos, &mut export.notes)?;
+    let stereo = calibration.as_ref().and_then(|of| Some((of.left(), of.rectification.baselines?[0])));
+    for (kind, wanted) in [(LabelKind::FlowForward, true), (LabelKind::Depth, stereo.is_some())] {
         if wanted && recording.label_kinds(left)?.contains(&kind) {
             parts += recording.label_times(left, kind)?.len() as u64 * EVENTS_PER_IMAGE;
         }
     }
     let mut work = Work::new(parts, proceed);
-    let mut export = DsecExport::default();
-    for (&camera, eye) in order.iter().zip(EYES) {
+    for (number, (&camera, eye)) in order.iter().zip(EYES).enumerate() {
         let Some(info) = cameras.get(camera) else { continue };
         let own = new_folder(folder, eye, true)?;
         export.events += write_events(recording, camera, info, &own.join("events.h5"), &mut work)?;
-        if info.distortion.is_none() {
-            write_map(&own.join("rectify_map.h5"), info)?;
-        } else {
-            export.notes.push(format!(
-                "no rectify_map.h5 of {0}, and no rectified cameras in cam_to_cam.yaml: the lens of {0} is distorted",
-                info.name
-            ));
+        if let Some(calibration) = &calibration {
+            let rectified = if number == 0 { calibration.left() } else { calibration.right() };
+            write_map(&own.join("rectify_map.h5"), rectified)?;
         }
         export.cameras.push((info.name.clone(), eye));
     }
-    export.flows = write_flow(recording, left, folder, &mut work)?;
+    let sources = calibration.as_ref().map(|of| Sources::new(of.left()));
+    export.flows = write_flow(recording, left, sources.as_ref(), folder, &mut work)?;
     let has_depth = recording.label_kinds(left)?.contains(&LabelKind::Depth);
-    match (&pair, order.len(), has_depth) {
-        (Some(pair), _, true) if rectified => {
-            export.disparities = write_disparity(recording, left, pair, folder, &mut work)?;
+    match (stereo, &sources, has_depth) {
+        (Some((camera, baseline)), Some(sources), true) => {
+            let scale = camera.pinhole.focal[0] * baseline;
+            export.disparities = write_disparity(recording, left, sources, scale, folder, &mut work)?;
         }
-        (_, _, false) => export.notes.push("no disparity: the recording has no depth".into()),
-        (_, 1, _) => export.notes.push("no disparity: the recording has one camera".into()),
-        (None, ..) => export.notes.push("no disparity: the recording has no poses".into()),
-        _ => export.notes.push("no disparity: the cameras are not a rectified pair".into()),
+        (.., false) => export.notes.push("no disparity: the recording has no depth".into()),
+        _ if order.len() == 1 => export.notes.push("no disparity: the recording has one camera".into()),
+        // Why there is no pair was said.
+        _ => export.notes.push("no disparity: there is no rectified pair".into()),
     }
-    let calibration = folder.join("calibration");
-    make_folder(&calibration)?;
-    let infos: Vec<&CameraInfo> = order.iter().filter_map(|&camera| cameras.get(camera)).collect();
-    write_file(&calibration.join("cam_to_cam.yaml"), calibration_yaml(&infos, pair.as_ref()).as_bytes())?;
+    if let Some(of) = &calibration {
+        let folder = folder.join("calibration");
+        make_folder(&folder)?;
+        let text = of.rig.dsec_text(Some(&of.rectification));
+        let text = text.map_err(|error| {
+            FormatError::invalid(recording.path(), error.to_string(), "record one camera, or two")
+        })?;
+        write_file(&folder.join("cam_to_cam.yaml"), text.as_bytes())?;
+    }
     Ok(export)
+}
+
+/// The cameras, and how they are rectified.
+struct Calibration {
+    rig: Rig,
+    rectification: DsecRectification,
+}
+
+impl Calibration {
+    const fn left(&self) -> &RectifiedCamera {
+        &self.rectification.cameras[0]
+    }
+
+    const fn right(&self) -> &RectifiedCamera {
+        &self.rectification.cameras[3]
+    }
+}
+
+/// The calibration of the left and the right camera, or of one; `notes` says why something of it is missing.
+fn calibrate(
+    recording: &Recording,
+    order: &[usize],
+    infos: &[&CameraInfo],
+    notes: &mut Vec<String>,
+) -> Result<Option<Calibration>, FormatError> {
+    let apart = match order {
+        [left, right] => relative_pose(recording, *left, *right)?,
+        _ => Ok(DMat4::IDENTITY),
+    };
+    let left_from_right = *apart.as_ref().unwrap_or(&DMat4::IDENTITY);
+    let rig = Rig {
+        cameras: infos
+            .iter()
+            .zip([DMat4::IDENTITY, left_from_right])
+            .map(|(info, pose)| rig_camera(info, pose))
+            .collect(),
+    };
+    let no_pair =
+        |reason: &str| format!("the cameras are no rectified pair, each is undistorted by itself: {reason}");
+    let pair = match apart {
+        Ok(_) => rig.check().and_then(|()| rig.dsec_rectification()).map_err(|error| error.to_string()),
+        Err(reason) => Err(reason.to_owned()),
+    };
+    let rectification = match (pair, infos.len()) {
+        (Ok(pair), _) => Ok(pair),
+        (Err(reason), 2) => {
+            let alone = [0, 0, 1, 1].map(|index| rig.rectify_alone(index));
+            let [a, b, c, d] = alone;
+            let cameras = (|| Ok::<_, evis_scene::SceneError>([a?, b?, c?, d?]))();
+            if cameras.is_ok() {
+                notes.push(no_pair(&reason));
+            }
+            cameras.map(|cameras| DsecRectification { cameras, baselines: None }).map_err(|e| e.to_string())
+        }
+        (Err(reason), _) => Err(reason),
+    };
+    Ok(match rectification {
+        Ok(rectification) => Some(Calibration { rig, rectification }),
+        Err(reason) => {
+            notes.push(format!("no rectify_map.h5 and no cam_to_cam.yaml: {reason}"));
+            None
+        }
+    })
+}
+
+fn rig_camera(info: &CameraInfo, body_from_camera: DMat4) -> RigCamera {
+    RigCamera {
+        name: info.name.clone(),
+        size: [info.width, info.height],
+        intrinsics: [info.fx, info.fy, info.cx, info.cy],
+        distortion: info.distortion.as_ref().map(|of| (of.model.clone(), of.coefficients.clone())),
+        body_from_camera: body_from_camera.transpose().to_cols_array_2d(),
+    }
+}
+
+/// The right camera's pose in the left one's axes, or why there is none.
+fn relative_pose(
+    recording: &Recording,
+    left: usize,
+    right: usize,
+) -> Result<Result<DMat4, &'static str>, FormatError> {
+    Ok(fixed_pose(&recording.poses(left)?, &recording.poses(right)?))
+}
+
+/// The same, of poses at the same times.
+fn fixed_pose(left: &[PoseSample], right: &[PoseSample]) -> Result<DMat4, &'static str> {
+    let mut between = left
+        .iter()
+        .zip(right)
+        .filter(|(left, right)| left.t_us == right.t_us)
+        .map(|(left, right)| world_from_camera(left).inverse() * world_from_camera(right));
+    let first = between.next().ok_or("the recording has no poses of both at one time")?;
+    if between.all(|other| first.abs_diff_eq(other, FIXED)) {
+        Ok(first)
+    } else {
+        Err("they move against each other")
+    }
+}
+
+fn world_from_camera(pose: &PoseSample) -> DMat4 {
+    let rotation = DQuat::from_array(pose.rotation).normalize();
+    DMat4::from_rotation_translation(rotation, DVec3::from(pose.position))
 }
 
 /// Makes the folder of a camera's events.
@@ -324,17 +437,64 @@ fn write_events(
     Ok(written)
 }
 
-/// Of a pinhole: every pixel lies where it is.
-fn write_map(path: &Path, info: &CameraInfo) -> Result<(), FormatError> {
-    let (width, height) = (info.width as usize, info.height as usize);
-    let map: Vec<f32> =
-        (0..height).flat_map(|y| (0..width).flat_map(move |x| [x as f32, y as f32])).collect();
+/// Where the middle of a pixel lies.
+fn middle(pixel: usize, width: usize) -> DVec2 {
+    DVec2::new((pixel % width) as f64, (pixel / width) as f64) + 0.5
+}
+
+/// The rectified place of every pixel.
+fn write_map(path: &Path, camera: &RectifiedCamera) -> Result<(), FormatError> {
+    let [width, height] = camera.size.map(|edge| edge as usize);
+    let place = |pixel: usize| {
+        let place = camera.rectified(middle(pixel, width));
+        place.map_or(NOWHERE, |place| (place - 0.5).as_vec2().to_array())
+    };
+    let map: Vec<f32> = (0..width * height).flat_map(place).collect();
     let write = || -> Result<(), Hdf5Error> {
         let file = H5File::create(path)?;
         file.new_dataset::<f32>().shape([height, width, 2]).create("rectify_map")?.write_raw(&map)?;
         file.close()
     };
     write().map_err(|error| FormatError::io(path, "write", std::io::Error::other(error.to_string())))
+}
+
+/// Where a pixel of a rectified picture comes from.
+struct Source {
+    /// The pixel that holds its middle.
+    pixel: usize,
+    /// That pixel's depth along the rectified axis over the one along its own.
+    depth_factor: f64,
+    /// Where its middle is in the rectified picture.
+    place: DVec2,
+}
+
+/// For each pixel of a rectified picture, where it comes from.
+struct Sources {
+    camera: RectifiedCamera,
+    pixels: Vec<Option<Source>>,
+}
+
+impl Sources {
+    fn new(camera: &RectifiedCamera) -> Self {
+        let [width, height] = camera.size.map(|edge| edge as usize);
+        let end = DVec2::new(width as f64, height as f64);
+        let source = |pixel: usize| {
+            let at = camera.source(middle(pixel, width))?;
+            let inside = at.cmpge(DVec2::ZERO).all() && at.cmplt(end).all();
+            let pixel = inside.then(|| at.y as usize * width + at.x as usize)?;
+            let own = middle(pixel, width);
+            let (depth_factor, place) = (camera.depth_factor(own)?, camera.rectified(own)?);
+            Some(Source { pixel, depth_factor, place })
+        };
+        Self { camera: *camera, pixels: (0..width * height).map(source).collect() }
+    }
+
+    /// Flow in the rectified picture of what moves by `flow` pixels in its own one.
+    fn flow(&self, source: &Source, flow: [f32; 2]) -> Option<[f32; 2]> {
+        let own = middle(source.pixel, self.camera.size[0] as usize);
+        let to = self.camera.rectified(own + DVec2::from(flow.map(f64::from)))?;
+        Some((to - source.place).as_vec2().to_array())
+    }
 }
 
 fn encode_png(
@@ -364,7 +524,13 @@ fn flow_value(pixels: f32) -> Option<u16> {
     (pixels.is_finite() && (0.0..=65_535.0).contains(&value)).then_some(value as u16)
 }
 
-fn write_flow(recording: &Recording, camera: usize, folder: &Path, work: &mut Work) -> Result<usize, Halt> {
+fn write_flow(
+    recording: &Recording,
+    camera: usize,
+    sources: Option<&Sources>,
+    folder: &Path,
+    work: &mut Work,
+) -> Result<usize, Halt> {
     let kinds = recording.label_kinds(camera)?;
     if !kinds.contains(&LabelKind::FlowForward) {
         return Ok(0);
@@ -393,9 +559,19 @@ fn write_flow(recording: &Recording, camera: usize, folder: &Path, work: &mut Wo
             _ => true,
         };
         let mut values = Vec::with_capacity(flow.len() / 2 * 3);
-        for (pixel, [x, y]) in flow.as_chunks().0.iter().enumerate() {
-            match (valid(pixel), flow_value(*x), flow_value(*y)) {
-                (true, Some(x), Some(y)) => values.extend([x, y, 1]),
+        let flow = flow.as_chunks::<2>().0;
+        let known = |pixel: usize| flow.get(pixel).copied().filter(|_| valid(pixel));
+        let rectified = |pixel: usize| match sources {
+            Some(sources) => {
+                let source = sources.pixels.get(pixel)?.as_ref()?;
+                sources.flow(source, known(source.pixel)?)
+            }
+            // Without a calibration, in the camera's own picture.
+            None => known(pixel),
+        };
+        for pixel in 0..flow.len() {
+            match rectified(pixel).map(|flow| flow.map(flow_value)) {
+                Some([Some(x), Some(y)]) => values.extend([x, y, 1]),
                 _ => values.extend([0, 0, 0]),
             }
         }
@@ -412,82 +588,17 @@ fn write_flow(recording: &Recording, camera: usize, folder: &Path, work: &mut Wo
     Ok(written)
 }
 
-/// The left camera's view of the right one.
-struct Pair {
-    /// Position of the right camera in the left one's axes: x right, y down, z forward, metres.
-    position: [f64; 3],
-    /// Rotation to the left camera's axes from the right one's, the same axes.
-    rotation: [[f64; 3]; 3],
-    left: CameraInfo,
-    right: CameraInfo,
-}
-
-/// The matrix of a unit quaternion (x, y, z, w).
-fn matrix([x, y, z, w]: [f64; 4]) -> [[f64; 3]; 3] {
-    [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - z * w), 2.0 * (x * z + y * w)],
-        [2.0 * (x * y + z * w), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - x * w)],
-        [2.0 * (x * z - y * w), 2.0 * (y * z + x * w), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-}
-
-fn transposed_times(a: [[f64; 3]; 3], b: [[f64; 3]; 3]) -> [[f64; 3]; 3] {
-    [0, 1, 2].map(|i| [0, 1, 2].map(|j| (0..3).map(|k| a[k][i] * b[k][j]).sum()))
-}
-
-/// glTF's camera axes have y up and z back.
-const SIGN: [f64; 3] = [1.0, -1.0, -1.0];
-
-impl Pair {
-    fn of(recording: &Recording, left: usize, right: usize) -> Result<Option<Self>, FormatError> {
-        let (left_poses, right_poses) = (recording.poses(left)?, recording.poses(right)?);
-        let cameras = &recording.header().cameras;
-        let (Some(a), Some(b), Some(left), Some(right)) =
-            (left_poses.first(), right_poses.first(), cameras.get(left), cameras.get(right))
-        else {
-            return Ok(None);
-        };
-        let (position, rotation) = relative(a, b);
-        Ok(Some(Self { position, rotation, left: left.clone(), right: right.clone() }))
-    }
-
-    fn baseline(&self) -> f64 {
-        self.position[0]
-    }
-
-    /// Parallel, side by side, with equal lenses.
-    fn is_rectified(&self) -> bool {
-        let Self { left: a, right: b, .. } = self;
-        let identity = [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        let angles = self.rotation.iter().flatten().zip(identity.iter().flatten());
-        let aside = self.position[1].abs().max(self.position[2].abs());
-        angles.into_iter().all(|(is, should)| (is - should).abs() < PARALLEL)
-            && self.baseline() > 0.0
-            && aside < 1.0e-3 * self.baseline()
-            && (a.fx, a.fy, a.cx, a.cy) == (b.fx, b.fy, b.cx, b.cy)
-            && a.distortion.is_none()
-            && b.distortion.is_none()
-    }
-}
-
-fn relative(left: &PoseSample, right: &PoseSample) -> ([f64; 3], [[f64; 3]; 3]) {
-    let (a, b) = (matrix(left.rotation), matrix(right.rotation));
-    let apart = [0, 1, 2].map(|k| right.position[k] - left.position[k]);
-    let position = [0, 1, 2].map(|i| SIGN[i] * (0..3).map(|k| a[k][i] * apart[k]).sum::<f64>());
-    let rotation = transposed_times(a, b);
-    (position, [0, 1, 2].map(|i| [0, 1, 2].map(|j| SIGN[i] * rotation[i][j] * SIGN[j])))
-}
-
 /// Disparity of a depth: 256 steps per pixel, 0 where it is unknown or does not fit.
-fn disparity_value(depth: f32, fx_baseline: f64) -> u16 {
-    let value = (fx_baseline / f64::from(depth) * 256.0).round();
+fn disparity_value(depth: f64, fx_baseline: f64) -> u16 {
+    let value = (fx_baseline / depth * 256.0).round();
     if depth > 0.0 && (1.0..=65_535.0).contains(&value) { value as u16 } else { 0 }
 }
 
 fn write_disparity(
     recording: &Recording,
     camera: usize,
-    pair: &Pair,
+    sources: &Sources,
+    fx_baseline: f64,
     folder: &Path,
     work: &mut Work,
 ) -> Result<usize, Halt> {
@@ -498,81 +609,19 @@ fn write_disparity(
         work.advance(EVENTS_PER_IMAGE)?;
         let frame = recording.label(camera, LabelKind::Depth, index)?;
         let LabelData::F32(depth) = &frame.data else { continue };
-        let scale = pair.left.fx * pair.baseline();
-        let values: Vec<u16> = depth.iter().map(|depth| disparity_value(*depth, scale)).collect();
-        let size = (pair.left.width, pair.left.height);
-        encode_png(&own.join(format!("{index:06}.png")), size, png::ColorType::Grayscale, &values)?;
+        let value =
+            |source: &Source| depth.get(source.pixel).map(|depth| f64::from(*depth) * source.depth_factor);
+        let disparity = |source: &Option<Source>| {
+            source.as_ref().and_then(value).map_or(0, |depth| disparity_value(depth, fx_baseline))
+        };
+        let values: Vec<u16> = sources.pixels.iter().map(disparity).collect();
+        let [width, height] = sources.camera.size;
+        let name = format!("{index:06}.png");
+        encode_png(&own.join(name), (width, height), png::ColorType::Grayscale, &values)?;
     }
     let text: String = times.iter().map(|t| format!("{t}\n")).collect();
     write_file(&folder.join("disparity").join("timestamps.txt"), text.as_bytes())?;
     Ok(times.len())
-}
-
-/// DSEC's calibration: cameras 0 and 3 see events, left and right; 1 and 2 are the frame cameras beside
-/// them, which here are the same. Rectified cameras are there where they are these: nothing is rectified here.
-fn calibration_yaml(cameras: &[&CameraInfo], pair: Option<&Pair>) -> String {
-    let mut text = String::from("intrinsics:\n");
-    let right = cameras.get(1).or(cameras.first());
-    let numbered = [("cam0", cameras.first()), ("cam1", cameras.first()), ("cam2", right), ("cam3", right)];
-    let rectified = numbered.map(|(name, camera)| (name.replace("cam", "camRect"), camera));
-    let plain = numbered.map(|(name, camera)| (name.to_owned(), camera));
-    let is_rectified = cameras.iter().all(|c| c.distortion.is_none()) && pair.is_none_or(Pair::is_rectified);
-    for (name, camera) in plain.into_iter().chain(rectified.into_iter().filter(|_| is_rectified)) {
-        let Some(c) = camera else { continue };
-        // Pixel centres lie at whole numbers there.
-        let (cx, cy) = (c.cx - 0.5, c.cy - 0.5);
-        let (model, coefficients) = match &c.distortion {
-            Some(of) => (
-                if of.model == "fisheye" { "equidistant" } else { of.model.as_str() },
-                of.coefficients.clone(),
-            ),
-            None => ("radtan", vec![0.0; 4]),
-        };
-        let _ = writeln!(
-            text,
-            "  {name}:\n    camera_model: pinhole\n    camera_matrix: [{:?}, {:?}, {cx:?}, {cy:?}]\n    \
-             distortion_coeffs: {coefficients:?}\n    distortion_model: {model}\n    resolution: [{}, {}]",
-            c.fx, c.fy, c.width, c.height
-        );
-    }
-    let rows = |rows: Vec<Vec<f64>>| rows.iter().map(|row| format!("    - {row:?}\n")).collect::<String>();
-    let identity = |n: usize| {
-        (0..n).map(|i| (0..n).map(|j| f64::from(u8::from(i == j))).collect()).collect::<Vec<Vec<f64>>>()
-    };
-    text += "extrinsics:\n";
-    // T_21 takes points from camera 1's axes to camera 2's.
-    let t_21 = pair.map_or_else(
-        || identity(4),
-        |pair| {
-            let mut rows: Vec<Vec<f64>> = (0..3)
-                .map(|i| {
-                    let mut row: Vec<f64> = (0..3).map(|k| pair.rotation[k][i]).collect();
-                    row.push(-(0..3).map(|k| pair.rotation[k][i] * pair.position[k]).sum::<f64>());
-                    row
-                })
-                .collect();
-            rows.push(vec![0.0, 0.0, 0.0, 1.0]);
-            rows
-        },
-    );
-    for (name, matrix) in [("T_10", identity(4)), ("T_21", t_21), ("T_32", identity(4))] {
-        let _ = write!(text, "  {name}:\n{}", rows(matrix));
-    }
-    for camera in (0..4).filter(|_| is_rectified) {
-        let _ = write!(text, "  R_rect{camera}:\n{}", rows(identity(3)));
-    }
-    if let Some(pair) = pair.filter(|pair| pair.is_rectified()) {
-        let c = &pair.left;
-        let q = vec![
-            vec![1.0, 0.0, 0.0, -(c.cx - 0.5)],
-            vec![0.0, 1.0, 0.0, -(c.cy - 0.5)],
-            vec![0.0, 0.0, 0.0, c.fx],
-            vec![0.0, 0.0, 1.0 / pair.baseline(), 0.0],
-        ];
-        let _ = write!(text, "disparity_to_depth:\n  cams_03:\n{}", rows(q.clone()));
-        let _ = write!(text, "  cams_12:\n{}", rows(q));
-    }
-    text
 }
 
 #[cfg(test)]
@@ -586,46 +635,18 @@ mod tests {
             [Some(32_768), Some(32_896), Some(32_576), Some(65_535), None, None]
         );
         assert_eq!(disparity_value(2.0, 20.0), 2560);
-        assert_eq!([f32::INFINITY, 0.0, -1.0, 1e-9].map(|depth| disparity_value(depth, 20.0)), [0; 4]);
+        assert_eq!([f64::INFINITY, 0.0, -1.0, 1e-9].map(|depth| disparity_value(depth, 20.0)), [0; 4]);
     }
 
     #[test]
-    fn calibrations_have_the_distortion_of_their_cameras() {
-        let distortion =
-            evis_core::LensDistortion { model: "fisheye".into(), coefficients: vec![0.1, 0.2, 0.0, 0.0] };
-        let plain = CameraInfo {
-            name: "left".into(),
-            width: 4,
-            height: 3,
-            fx: 5.0,
-            fy: 5.0,
-            cx: 2.0,
-            cy: 1.5,
-            distortion: None,
-        };
-        let bent = CameraInfo { distortion: Some(distortion), ..plain.clone() };
-        let lines = |camera: &CameraInfo, line: &str| {
-            calibration_yaml(&[camera], None).lines().filter(|l| l.trim() == line).count()
-        };
-        let own = ["distortion_model: equidistant", "distortion_coeffs: [0.1, 0.2, 0.0, 0.0]"];
-        assert_eq!(own.map(|line| lines(&bent, line)), [4, 4]);
-        let rectified = |camera: &CameraInfo| {
-            let text = calibration_yaml(&[camera], None);
-            [text.matches("camRect").count(), text.matches("R_rect").count()]
-        };
-        assert_eq!(rectified(&bent), [0, 0], "nobody has rectified its pictures");
-        assert_eq!(rectified(&plain), [4, 4]);
-        assert_eq!(own.map(|line| lines(&plain, line)), [0, 0], "canary");
-        assert_eq!(lines(&plain, "distortion_coeffs: [0.0, 0.0, 0.0, 0.0]"), 8);
-    }
-
-    #[test]
-    fn the_right_camera_lies_to_the_right() {
+    fn cameras_that_move_against_each_other_are_no_pair() {
         // Both turned by 90 degrees about y: the left camera's right is the world's -z.
         let half = std::f64::consts::FRAC_1_SQRT_2;
-        let pose = |z| PoseSample { t_us: 0, position: [1.0, 2.0, z], rotation: [0.0, half, 0.0, half] };
-        let (position, rotation) = relative(&pose(3.0), &pose(2.5));
-        assert!((position[0] - 0.5).abs() < 1e-12 && position[1].abs() + position[2].abs() < 1e-12);
-        assert!((0..3).all(|k| (rotation[k][k] - 1.0).abs() < 1e-12));
+        let pose = |t_us, z| PoseSample { t_us, position: [1.0, 2.0, z], rotation: [0.0, half, 0.0, half] };
+        let left = [pose(0, 3.0), pose(1000, 4.0)];
+        let fixed = fixed_pose(&left, &[pose(0, 2.5), pose(1000, 3.5)]).unwrap();
+        assert!(fixed.abs_diff_eq(DMat4::from_translation(DVec3::new(0.5, 0.0, 0.0)), 1e-12), "{fixed}");
+        assert!(fixed_pose(&left, &[pose(0, 2.5), pose(1000, 3.4)]).unwrap_err().contains("move"));
+        assert!(fixed_pose(&left, &[pose(500, 2.5)]).unwrap_err().contains("no poses"));
     }
 }

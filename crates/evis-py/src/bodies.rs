@@ -1,5 +1,7 @@
 //! Objects and cameras by name, and where they are, as arrays.
 
+use std::sync::Mutex;
+
 use evis_core::format::hdf5::{self, BodyInfo, BodySample};
 use evis_render::{Bodies, BodyTimes};
 use numpy::ndarray::Array3;
@@ -7,7 +9,8 @@ use numpy::{IntoPyArray, PyArray1, PyArray3, PyReadonlyArray3};
 use pyo3::prelude::*;
 
 use crate::errors::Failure;
-use crate::gil::Detach;
+use crate::gil::{Detach, lock_unpoisoned};
+use crate::packet::HostSpan;
 use crate::scene::Scene;
 
 /// Name, instance id, semantic id and name, lowest and highest corner.
@@ -91,6 +94,42 @@ pub(crate) fn scene_bodies<'py>(
         Ok::<_, Failure>(hdf5::Bodies { infos: bodies.infos().to_vec(), t_us, samples })
     })?;
     Ok(columns(py, bodies))
+}
+
+/// The bodies of a scene that a host moves.
+#[pyclass(frozen, module = "evis._evis")]
+pub(crate) struct HostBodies(Mutex<evis_render::HostBodies>);
+
+#[pymethods]
+impl HostBodies {
+    #[new]
+    fn new(
+        py: Python<'_>,
+        scene: &Scene,
+        nodes: Vec<String>,
+        cameras: Vec<String>,
+        start_us: i64,
+    ) -> PyResult<Self> {
+        let scene = scene.shared();
+        let bodies = py.detach_pure(|| {
+            Ok::<_, Failure>(evis_render::HostBodies::new(&scene, &nodes, &cameras, start_us)?)
+        })?;
+        Ok(Self(Mutex::new(bodies)))
+    }
+
+    /// Where all bodies were during the packet that `span` is of, by environment: at the times that the host gave, and at `t_us`.
+    fn follow<'py>(&self, py: Python<'py>, span: &HostSpan, t_us: Vec<i64>) -> PyResult<Vec<Columns<'py>>> {
+        let followed = py.detach_engine(|| {
+            let mut bodies = lock_unpoisoned(&self.0)?;
+            let rows = bodies.follow(&span.0, &t_us)?;
+            let of = |(infos, rows): (&[BodyInfo], Vec<evis_render::BodyRow>)| {
+                let (t_us, samples) = rows.into_iter().unzip();
+                hdf5::Bodies { infos: infos.to_vec(), t_us, samples }
+            };
+            Ok::<_, Failure>(bodies.infos().zip(rows).map(of).collect::<Vec<_>>())
+        })?;
+        Ok(followed.into_iter().map(|bodies| columns(py, bodies)).collect())
+    }
 }
 
 /// Times of a rate after `after_us` up to `until_us`, both in microseconds and the latter included.

@@ -86,13 +86,34 @@ pub(crate) fn parse_rig(py: Python<'_>, text: &str) -> PyResult<String> {
     py.detach_pure(|| json(&Rig::parse(text)?))
 }
 
+fn rig_of(json: &str) -> Result<Rig, Failure> {
+    serde_json::from_str(json).map_err(|e| Failure::Config(format!("a rig cannot be read: {e}")))
+}
+
 /// The text of a calibration file, of a rig as JSON.
 #[pyfunction]
 pub(crate) fn rig_text(py: Python<'_>, json: &str, format: &str) -> PyResult<String> {
+    py.detach_pure(|| Ok::<_, Failure>(rig_of(json)?.text(CalibrationFormat::from_name(format)?)?))
+}
+
+/// By rows.
+type Rotation = [[f64; 3]; 3];
+
+/// How the pictures of cameras `left` and `right` (indices) of a rig as JSON are rectified: the rotations to the rectified axes from
+/// those of the left and the right camera, the lens of both, and the baseline.
+#[pyfunction]
+pub(crate) fn rig_rectify(
+    py: Python<'_>,
+    json: &str,
+    left: usize,
+    right: usize,
+    alpha: f64,
+) -> PyResult<(Rotation, Rotation, Intrinsics, f64)> {
     py.detach_pure(|| {
-        let rig: Rig =
-            serde_json::from_str(json).map_err(|e| Failure::Config(format!("a rig cannot be read: {e}")))?;
-        Ok::<_, Failure>(rig.text(CalibrationFormat::from_name(format)?)?)
+        let pair = rig_of(json)?.rectify(left, right, alpha)?;
+        let [a, b] = pair.cameras.map(|camera| camera.rectified_from_camera.transpose().to_cols_array_2d());
+        let ([fx, fy], [cx, cy]) = (pair.cameras[0].pinhole.focal, pair.cameras[0].pinhole.center);
+        Ok::<_, Failure>((a, b, (fx, fy, cx, cy), pair.baseline))
     })
 }
 

@@ -30,7 +30,7 @@ mod _evis {
     use crate::gil::Detach;
 
     #[pymodule_export]
-    use crate::bodies::{body_times, scene_bodies};
+    use crate::bodies::{HostBodies, body_times, scene_bodies};
     #[pymodule_export]
     use crate::chart::{chart, chart_cache, check_chart, draw_chart, recommend_chart};
     #[pymodule_export]
@@ -41,13 +41,15 @@ mod _evis {
     #[pymodule_export]
     use crate::format::{EventFileReader, EventFileWriter, file_formats, format_of_ending, recognise_format};
     #[pymodule_export]
-    use crate::lens::{lens_project, lens_unproject, load_rig, parse_rig, rig_text, simulate_imu};
+    use crate::lens::{
+        lens_project, lens_unproject, load_rig, parse_rig, rig_rectify, rig_text, simulate_imu,
+    };
     #[pymodule_export]
     use crate::metrics::{
         Truth, endpoint_error, mse, psnr, score, score_table, sensor_of_settings, ssim, voxel_l1,
     };
     #[pymodule_export]
-    use crate::packet::{Label, Packet, View};
+    use crate::packet::{HostSpan, Label, Packet, View};
     #[pymodule_export]
     use crate::recording::{Recording, Writer, read_events};
     #[pymodule_export]

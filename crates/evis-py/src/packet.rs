@@ -17,7 +17,13 @@ pub(crate) struct Packet {
     end_us: i64,
     views: Vec<Py<View>>,
     report: Py<PyDict>,
+    /// What a host said of its time.
+    host: Option<Py<HostSpan>>,
 }
+
+/// What a host said of the time of a packet.
+#[pyclass(frozen, module = "evis._evis")]
+pub(crate) struct HostSpan(pub(crate) evis_render::HostSpan);
 
 /// One camera of one environment.
 #[pyclass(frozen, get_all, module = "evis._evis")]
@@ -41,8 +47,13 @@ pub(crate) struct Label {
     data: Py<PyAny>,
 }
 
-/// Converts `packet`; `sizes` are (width, height) per camera.
-pub(crate) fn convert(py: Python<'_>, packet: evis_render::Packet, sizes: &[(u32, u32)]) -> PyResult<Packet> {
+/// Converts `packet`; `sizes` are (width, height) per camera. `host`: what a host said of its time.
+pub(crate) fn convert(
+    py: Python<'_>,
+    packet: evis_render::Packet,
+    sizes: &[(u32, u32)],
+    host: Option<evis_render::HostSpan>,
+) -> PyResult<Packet> {
     let views = packet.views.into_iter().map(|view| {
         let size = *sizes.get(view.camera).ok_or_else(|| {
             Failure::Engine(format!(
@@ -71,6 +82,7 @@ pub(crate) fn convert(py: Python<'_>, packet: evis_render::Packet, sizes: &[(u32
         end_us: packet.end_us,
         views: views.collect::<PyResult<_>>()?,
         report: report(py, &packet.report)?,
+        host: host.map(|span| Py::new(py, HostSpan(span))).transpose()?,
     })
 }
 

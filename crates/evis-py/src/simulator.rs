@@ -212,7 +212,7 @@ impl Simulator {
         let poses: Vec<_> = poses.into_iter().flatten().map(host_poses).collect();
         let materials: Vec<_> = materials.into_iter().map(host_change).collect();
         let lights: Vec<_> = lights.into_iter().map(light_change).collect();
-        let packet = py.detach_interruptible(&self.stop, || {
+        let (packet, host) = py.detach_interruptible(&self.stop, || {
             let mut engine = lock_unpoisoned(&self.engine)?;
             let simulator = engine.as_mut().ok_or_else(engine_in_stream)?;
             let packet = if driven {
@@ -223,9 +223,9 @@ impl Simulator {
                 simulator.step(until_us)?
             };
             self.now_us.store(simulator.now_us(), Ordering::Release);
-            Ok::<_, Failure>(packet)
+            Ok::<_, Failure>((packet, simulator.take_host_span()))
         })?;
-        packet::convert(py, packet, &sizes(&self.cameras))
+        packet::convert(py, packet, &sizes(&self.cameras), host)
     }
 
     /// Resets environments. `poses`: environment, index of the node, position (3) and rotation (x, y, z, w). `visible`, `materials`
@@ -343,7 +343,9 @@ impl Stream {
                 },
             });
             match waited {
-                Ok(Poll::Ready(Some(packet))) => return packet::convert(py, packet, &self.sizes).map(Some),
+                Ok(Poll::Ready(Some(packet))) => {
+                    return packet::convert(py, packet, &self.sizes, None).map(Some);
+                }
                 Ok(Poll::Ready(None)) => {
                     self.close(py)?;
                     return Ok(None);

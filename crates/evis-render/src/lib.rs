@@ -49,8 +49,8 @@ pub use evis_representation::{Decay, Polarities};
 pub use evis_scene as scene;
 pub use gpu::{DeviceSummary, Gpu, list_devices};
 pub use output::{
-    Bodies, BodyTimes, DenseValues, DenseWindow, Imu, ImuConfig, ImuNoise, Packet, PacketReport, StageTimes,
-    ViewPacket,
+    Bodies, BodyRow, BodyTimes, DenseValues, DenseWindow, HostBodies, HostSpan, Imu, ImuConfig, ImuNoise,
+    Packet, PacketReport, StageTimes, ViewPacket,
 };
 pub use request::{RunRequest, SamplingRequest, Settled, implausible, quality, settings};
 pub use sampling::{audit, clipped};

@@ -504,6 +504,27 @@ impl HostPoses {
         Ok(())
     }
 
+    /// The last pose of every node that is known: environment, node, pose.
+    pub fn last_poses(&self) -> Vec<(usize, usize, HostPose)> {
+        let of = |(index, node): (usize, &DrivenNode)| {
+            let last = node.tracks.iter().enumerate();
+            last.filter_map(|(environment, track)| Some((environment, index, track.last()?)))
+                .collect::<Vec<_>>()
+        };
+        self.nodes.iter().enumerate().flat_map(of).collect()
+    }
+
+    /// Lets nodes be at these poses (environment, node, pose), and never anywhere else before, so that steps may follow from there.
+    /// Those that do not exist are left out.
+    pub fn restart(&self, poses: &[(usize, usize, HostPose)]) {
+        for (environment, node, pose) in poses {
+            let track = self.nodes.get(*node).and_then(|node| node.tracks.get(*environment));
+            if let Some(track) = track {
+                track.replace(&[*pose]);
+            }
+        }
+    }
+
     /// Forgets what no time from `t_us` on needs.
     pub fn forget_before(&self, t_us: i64) {
         self.known_from_us.fetch_max(t_us, Ordering::AcqRel);

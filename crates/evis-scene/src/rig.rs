@@ -7,13 +7,15 @@ use std::collections::BTreeMap;
 use std::fmt::Write as _;
 use std::path::Path;
 
-use glam::{DMat4, DVec4};
+use glam::{DMat3, DMat4, DVec4};
 use serde::{Deserialize, Serialize};
 
 use crate::builder::{EventCamera, Placement, SceneBuilder};
 use crate::distortion::Distortion;
 use crate::error::SceneError;
+use crate::lens::CalibratedLens;
 use crate::model::{Lens, Trs};
+use crate::rectify::{Rectification, RectifiedCamera};
 
 /// How far a rotation in a file may be from one, entry by entry: files keep few digits.
 const NEARLY_RIGID: f64 = 1e-3;
@@ -66,6 +68,15 @@ impl CalibrationFormat {
             }
         }
     }
+}
+
+/// What DSEC's file says of rectified pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct DsecRectification {
+    /// Cameras 0 to 3 of the file.
+    pub cameras: [RectifiedCamera; 4],
+    /// Metres between cameras 0 and 3, and 1 and 2; `None` where there are no pairs.
+    pub baselines: Option<[f64; 2]>,
 }
 
 /// A camera as both kinds of files have it.
@@ -233,27 +244,113 @@ impl Rig {
     }
 
     fn dsec(&self) -> Result<String, SceneError> {
-        // Cameras 0 and 3 see events, left and right, 1 and 2 are the frame cameras beside them.
-        let order: [usize; 4] = match self.cameras.len() {
-            1 => [0; 4],
-            2 => [0, 0, 1, 1],
-            4 => [0, 1, 2, 3],
-            count => {
-                return Err(SceneError::Rule(format!(
-                    "the rig has {count} cameras; DSEC's file takes one, two or four"
-                )));
-            }
-        };
+        let rectification = self.dsec_rectification().ok();
+        self.dsec_text(rectification.as_ref())
+    }
+
+    /// Where cameras 0 to 3 of DSEC's file are in the rig: 0 and 3 see events, left and right, 1 and 2 are the frame cameras
+    /// beside them.
+    fn dsec_order(&self) -> Result<[usize; 4], SceneError> {
+        match self.cameras.len() {
+            1 => Ok([0; 4]),
+            2 => Ok([0, 0, 1, 1]),
+            4 => Ok([0, 1, 2, 3]),
+            count => Err(SceneError::Rule(format!(
+                "the rig has {count} cameras; DSEC's file takes one, two or four"
+            ))),
+        }
+    }
+
+    /// The rectified pictures of DSEC's file: cameras 0 and 3 are a pair, and 1 and 2; a rig of one camera has its picture without
+    /// distortion. All of the rectified pictures is seen.
+    ///
+    /// # Errors
+    /// As [`Rig::rectify`]; other than one, two or four cameras.
+    pub fn dsec_rectification(&self) -> Result<DsecRectification, SceneError> {
+        let [a, b, c, d] = self.dsec_order()?;
+        if a == d {
+            return Ok(DsecRectification { cameras: [self.rectify_alone(a)?; 4], baselines: None });
+        }
+        let [outer, inner] = [self.rectify(a, d, 0.0)?, self.rectify(b, c, 0.0)?];
+        let cameras = [outer.cameras[0], inner.cameras[0], inner.cameras[1], outer.cameras[1]];
+        Ok(DsecRectification { cameras, baselines: Some([outer.baseline, inner.baseline]) })
+    }
+
+    /// The text of DSEC's file, with the rectified pictures where there are any.
+    ///
+    /// # Errors
+    /// Other than one, two or four cameras.
+    pub fn dsec_text(&self, rectification: Option<&DsecRectification>) -> Result<String, SceneError> {
+        let order = self.dsec_order()?;
+        let rectified: &[RectifiedCamera] = rectification.map_or(&[], |of| &of.cameras);
         let mut text = String::from("extrinsics:\n");
         for index in 1..4 {
             let rows = listed(&self.between(order[index - 1], order[index]), "  ");
             let _ = write!(text, "  T_{index}{}:\n{rows}", index - 1);
         }
+        for (index, camera) in rectified.iter().enumerate() {
+            let _ = writeln!(text, "  R_rect{index}:");
+            for row in opencv_rotation(&camera.rectified_from_camera) {
+                let _ = writeln!(text, "  - {row:?}");
+            }
+        }
         text += "intrinsics:\n";
         for (index, camera) in order.into_iter().enumerate() {
             let _ = write!(text, "  cam{index}:\n{}", self.cameras[camera].entries("camera_matrix", "    "));
         }
+        for (index, camera) in rectified.iter().enumerate() {
+            let ([fx, fy], [cx, cy]) = (camera.pinhole.focal, camera.pinhole.center);
+            let seen = RigCamera {
+                name: String::new(),
+                size: camera.size,
+                intrinsics: [fx, fy, cx, cy],
+                distortion: None,
+                body_from_camera: rows(&DMat4::IDENTITY),
+            };
+            let _ = write!(text, "  camRect{index}:\n{}", seen.entries("camera_matrix", "    "));
+        }
+        if let Some((of, [outer, inner])) = rectification.and_then(|of| Some((of, of.baselines?))) {
+            text += "disparity_to_depth:\n";
+            for (pair, camera, baseline) in [("cams_03", 0, outer), ("cams_12", 1, inner)] {
+                let _ = writeln!(text, "  {pair}:");
+                for row in depth_from_disparity(&of.cameras[camera], baseline) {
+                    let _ = writeln!(text, "  - {row:?}");
+                }
+            }
+        }
         Ok(text)
+    }
+
+    /// How the pictures of cameras `left` and `right` (indices) are rectified. `alpha`: see [`crate::rectify`].
+    ///
+    /// # Errors
+    /// As [`Rectification::new`]; cameras that do not exist or cannot be used.
+    pub fn rectify(&self, left: usize, right: usize, alpha: f64) -> Result<Rectification, SceneError> {
+        let pose = |index: usize| {
+            let camera = self.lens(index)?.1;
+            matrix(&camera.name, "body_from_camera", &camera.body_from_camera)
+        };
+        let left_from_right = pose(left)?.inverse() * pose(right)?;
+        let of = |index: usize| self.lens(index).map(|(lens, camera)| (lens, camera.size));
+        Rectification::new(of(left)?, of(right)?, &left_from_right, alpha)
+    }
+
+    /// The picture of camera `index` without distortion, all of which is seen; its own one where there is none.
+    ///
+    /// # Errors
+    /// As [`RectifiedCamera::alone`]; a camera that does not exist or cannot be used.
+    pub fn rectify_alone(&self, index: usize) -> Result<RectifiedCamera, SceneError> {
+        let (lens, camera) = self.lens(index)?;
+        RectifiedCamera::alone(lens, camera.size, 0.0)
+    }
+
+    fn lens(&self, index: usize) -> Result<(CalibratedLens, &RigCamera), SceneError> {
+        let count = self.cameras.len();
+        let missing = || SceneError::Rule(format!("there is no camera {index}; the rig has {count}"));
+        let camera = self.cameras.get(index).ok_or_else(missing)?;
+        let [fx, fy, cx, cy] = camera.intrinsics;
+        let lens = CalibratedLens::new([fx, fy], [cx, cy], camera.event_camera()?.distortion)?;
+        Ok((lens, camera))
     }
 
     /// Takes points from camera `from` to camera `to`, in OpenCV's axes.
@@ -375,6 +472,25 @@ fn unusable(error: &serde_norway::Error) -> SceneError {
 fn flip(transform: &DMat4) -> DMat4 {
     let sign = DMat4::from_diagonal(DVec4::new(1.0, -1.0, -1.0, 1.0));
     sign * *transform * sign
+}
+
+/// By rows, in OpenCV's axes.
+fn opencv_rotation(rotation: &DMat3) -> [[f64; 3]; 3] {
+    let rows = rows(&flip(&DMat4::from_mat3(*rotation)));
+    // No minus before a zero.
+    [0, 1, 2].map(|i| [0, 1, 2].map(|k| rows[i][k] + 0.0))
+}
+
+/// OpenCV's Q: homogeneous places in the rectified axes from x, y, disparity and 1.
+fn depth_from_disparity(camera: &RectifiedCamera, baseline: f64) -> [[f64; 4]; 4] {
+    let ([fx, fy], [cx, cy]) = (camera.pinhole.focal, camera.pinhole.center);
+    let tall = fx / fy;
+    [
+        [1.0, 0.0, 0.0, -(cx - 0.5)],
+        [0.0, tall, 0.0, -(cy - 0.5) * tall],
+        [0.0, 0.0, 0.0, fx],
+        [0.0, 0.0, 1.0 / baseline, 0.0],
+    ]
 }
 
 fn rows(matrix: &DMat4) -> [[f64; 4]; 4] {

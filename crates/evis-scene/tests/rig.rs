@@ -94,6 +94,38 @@ fn calibrations_survive_both_files() {
     assert!(!same(&rig, &other), "canary");
 }
 
+#[test]
+fn dsecs_file_has_the_rectified_cameras() {
+    let rig = Rig::parse(CAMCHAIN).unwrap();
+    let counts = |rig: &Rig| {
+        let text = rig.text(CalibrationFormat::Dsec).unwrap();
+        ["  camRect", "  R_rect", "disparity_to_depth:", "  cams_"].map(|key| text.matches(key).count())
+    };
+    assert_eq!(counts(&rig), [4, 4, 1, 2]);
+    let text = rig.text(CalibrationFormat::Dsec).unwrap();
+    let lines = |line: &str| text.lines().filter(|l| l.trim() == line).count();
+    assert_eq!(lines("distortion_model: equidistant"), 2, "the right one's and its frame camera's");
+    assert_eq!(lines("distortion_coeffs: [0.01, -0.02, 0.003, 0.0004]"), 2);
+    assert_eq!(lines("distortion_coeffs: [0.0, 0.0, 0.0, 0.0]"), 4, "the rectified ones'");
+    let pair = rig.rectify(0, 1, 0.0).unwrap();
+    // Pixel centres lie at whole numbers there.
+    let ([fx, fy], [cx, cy]) = (pair.cameras[0].pinhole.focal, pair.cameras[0].pinhole.center);
+    assert_eq!(lines(&format!("camera_matrix: {:?}", [fx, fy, cx - 0.5, cy - 0.5])), 4);
+    assert_eq!(lines(&format!("- {:?}", [1.0, 0.0, 0.0, 0.5 - cx])), 2);
+    assert_eq!(lines(&format!("- {:?}", [0.0, 0.0, 1.0 / pair.baseline, 0.0])), 2);
+    assert!((pair.baseline - (0.11_f64.powi(2) + 0.02_f64.powi(2)).sqrt()).abs() < 1e-9);
+    // One camera by itself; four of which two are pairs; and two that are none.
+    assert_eq!(counts(&Rig { cameras: rig.cameras[..1].to_vec() }), [4, 4, 0, 0]);
+    let four = Rig::parse(&text).unwrap();
+    let between = Rig { cameras: vec![four.cameras[0].clone(), four.cameras[3].clone()] };
+    assert_eq!(between.rectify(0, 1, 0.0).unwrap().baseline, four.rectify(0, 3, 0.0).unwrap().baseline);
+    assert_eq!(counts(&four), [4, 4, 1, 2]);
+    let mut swapped = rig.clone();
+    swapped.cameras.swap(0, 1);
+    assert_eq!(counts(&swapped), [0; 4], "canary: the right one is on the left");
+    assert!(rig.rectify(0, 2, 0.0).unwrap_err().to_string().contains("no camera 2"));
+}
+
 fn world_poses(scene: &Scene) -> Vec<DMat4> {
     let mut state = SceneState::default();
     scene.evaluate(0.3, &mut state);

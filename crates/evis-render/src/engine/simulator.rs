@@ -18,6 +18,7 @@ use crate::engine::Engine;
 use crate::engine::decoupled::Decoupled;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use crate::output::bodies::HostSpan;
 use crate::output::dense::HostArrays;
 use crate::output::packet::Packet;
 use crate::world::view::{self, View};
@@ -40,6 +41,8 @@ pub struct Simulator {
     /// Where packets carry arrays in the place of events: makes those that no device makes.
     dense: Option<HostArrays>,
     host_poses: Option<Arc<HostPoses>>,
+    /// What the host said of the packet that was made last, or is being made.
+    said: Option<HostSpan>,
 }
 
 /// The sensor that a camera of an environment has from a reset on.
@@ -185,7 +188,17 @@ impl Simulator {
             }
             (_, None) => return Err(EngineError::NoDevice),
         };
-        Ok(Self { scene: whole, cameras, lenses, environments, config, source, dense, host_poses })
+        Ok(Self {
+            scene: whole,
+            cameras,
+            lenses,
+            environments,
+            config,
+            source,
+            dense,
+            host_poses,
+            said: None,
+        })
     }
 
     /// The rendered cameras, in view order, as the first environment has them.
@@ -328,6 +341,11 @@ impl Simulator {
             return Err(ConfigError::new("until_us", until_us, remedy).into());
         }
         let start_us = self.config.start_us;
+        let now_us = start_us + self.now_us();
+        // What was said of a step that was stopped still holds.
+        if self.said.as_ref().and_then(HostSpan::until_us).is_none_or(|until_us| until_us <= now_us) {
+            self.said = Some(HostSpan::new(host));
+        }
         // A step that was stopped goes on.
         if !step.is_empty() || host.known_until_us() < start_us + until_us {
             let poses: Vec<_> = step
@@ -348,12 +366,20 @@ impl Simulator {
                 .collect();
             let shifted = HostStep { poses: &poses, visible: &visible, ..*step };
             host.advance(&shifted, start_us + until_us)?;
+            if let Some(said) = &mut self.said {
+                said.steps.push((start_us + until_us, poses));
+            }
         }
         let packet = self.source.deliver(until_us, until_us, self.dense.as_mut())?;
         // Flow looks back by the time between two labels.
         let label_us = (1e6 / self.config.label_rate_hz).ceil() as i64;
         host.forget_before(start_us + until_us - 2 * label_us - KEPT_POSES_US);
         Ok(packet)
+    }
+
+    /// What the host said of the last packet, once; `None` where no host moves anything.
+    pub fn take_host_span(&mut self) -> Option<HostSpan> {
+        self.said.take()
     }
 
     /// Resets environments and their pixel memory at the stream's present time: what their pixels see now is their

@@ -8,6 +8,6 @@ pub mod labels;
 pub mod packet;
 pub mod poses;
 
-pub use bodies::{Bodies, BodyTimes};
+pub use bodies::{Bodies, BodyRow, BodyTimes, HostBodies, HostSpan};
 pub use imu::{Imu, ImuConfig, ImuNoise};
 pub use packet::{DenseValues, DenseWindow, Packet, PacketReport, StageTimes, ViewPacket};
