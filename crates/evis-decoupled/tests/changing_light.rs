@@ -180,3 +180,62 @@ fn mirrors_show_what_is_around_as_rays_say() {
     assert!(found > 0.94 && count > 1000, "{found:.4} of {count}");
     assert!(canary < found - 0.1, "canary: {canary:.4}");
 }
+
+/// Nothing but the sky, seen by a camera that turns.
+#[test]
+fn a_camera_that_turns_sees_the_sky_as_rays_say() {
+    let mut scene = Scene {
+        environment: Some(Environment { visible: true, ..Environment::studio() }),
+        ..Scene::default()
+    };
+    let start = Trs::default();
+    let turning =
+        Motion::Path(Path::Spin { start, axis: DVec3::new(0.2, 1.0, 0.1).normalize(), rate: 3.0 }.into());
+    let node = scene.add_node(Node { motion: turning, ..Node::default() });
+    scene.cameras.push(camera(node, Lens::FieldOfView { fov_y: 0.7 }));
+    let settings = Settings { size: Some(SIZE), ..Settings::default() };
+    let t_us = 32_768.0 * 1.36;
+    let wanted = exact(&scene, SIZE, t_us);
+    let error = off(&luminance(&scene, &settings, t_us).unwrap(), &wanted);
+    let canary = off(&exact(&scene, SIZE, t_us + 2000.0), &wanted);
+    let (asked, truth) = truth_of(&scene, (48, 36), 80_000, 200);
+    let (found, count) = f1(&scene, &asked, &truth);
+    println!("{error:.4} off, {canary:.4} two milliseconds later; F1 {found:.4} of {count} events");
+    assert!(error < 0.004 && canary > 1.5 * error, "{error:.4}, {canary:.4}");
+    assert!(found > 0.95 && count > 300, "{found:.4} of {count}");
+}
+
+/// A spot sweeps over a wall that is still.
+#[test]
+fn the_edge_of_a_cone_goes_by_as_rays_say() {
+    for casts_shadow in [false, true] {
+        let mut scene = Scene { ambient: [0.1; 3], ..Scene::default() };
+        add(
+            &mut scene,
+            Shape::Card { size: [3.0, 2.0] },
+            Material::diffuse("wall"),
+            still(DVec3::Z * -2.0, DQuat::IDENTITY),
+        );
+        scene.lights.push(light(LightKind::Spot { inner: 0.12, outer: 0.15 }, casts_shadow, 6.0));
+        let start = Trs {
+            translation: DVec3::new(0.1, 0.0, -0.2),
+            rotation: DQuat::from_rotation_y(0.4),
+            ..Trs::default()
+        };
+        let path = Path::Spin { start, axis: DVec3::Y, rate: -6.0 };
+        scene.add_node(Node { light: Some(0), motion: Motion::Path(path.into()), ..Node::default() });
+        add_camera(&mut scene);
+        let settings = Settings { size: Some(SIZE), ..Settings::default() };
+        let t_us = 32_768.0 * 1.36;
+        let wanted = exact(&scene, SIZE, t_us);
+        let error = off(&luminance(&scene, &settings, t_us).unwrap(), &wanted);
+        let canary = off(&exact(&scene, SIZE, t_us + 500.0), &wanted);
+        let (asked, truth) = truth_of(&scene, (48, 36), 100_000, 200);
+        let (found, count) = f1(&scene, &asked, &truth);
+        println!(
+            "shadows {casts_shadow}: {error:.4} off, {canary:.4} half a millisecond later; F1 {found:.4} of {count}"
+        );
+        assert!(error < 0.015 && canary > 1.5 * error, "shadows {casts_shadow}: {error:.4}, {canary:.4}");
+        assert!(found > 0.94 && count > 1000, "shadows {casts_shadow}: {found:.4} of {count}");
+    }
+}

@@ -48,6 +48,8 @@ const SMOOTH: f64 = 0.0015;
 const MOST_PERSPECTIVE: f64 = 0.015;
 /// Where shadows leave such a part of an area, base colour is averaged over what they leave.
 const PARTLY_LIT: std::ops::Range<f64> = 0.001..0.99;
+/// Most places along either side of a footprint on the sky.
+const SKY_PLACES: u32 = 4;
 /// Places along either side of a footprint on a surface with maps, where there is no picture.
 const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.
@@ -187,6 +189,8 @@ pub struct Lighting<'a> {
     screen: [DMat4; 3],
     middle: Vec<Corners>,
     background: f64,
+    /// Where light from all around is visible.
+    sky: Option<Sky>,
     camera_moves: bool,
 }
 
@@ -396,6 +400,7 @@ impl<'a> Lighting<'a> {
             screen: [DMat4::IDENTITY; 3],
             middle: Vec::new(),
             background: material::LUMINANCE.dot(wide(scene.background)),
+            sky: None,
             camera_moves: world.moving_nodes[scene.cameras[world.camera].node],
         }
     }
@@ -437,6 +442,11 @@ impl<'a> Lighting<'a> {
         self.frames = Some(frames);
         self.times = Times::new(*block);
         self.prepare_shadows(clock, first)?;
+        let seen = world.scene.environment.as_ref().is_some_and(|e| e.visible);
+        self.sky = seen.then(|| Sky {
+            world_from_screen: self.screen.map(|screen| DMat3::from_mat4(screen).inverse()),
+            focal: world.lens.focal[0],
+        });
         // At a jump, what held before the border does not hold after it.
         self.borders = [times::key(block.start_us, block.jump), times::key(block.end_us, false)];
         for shard in &mut self.patches {
@@ -852,24 +862,71 @@ impl<'a> Lighting<'a> {
 
     /// Whether what lies behind everything is the same everywhere and always.
     pub fn background_rests(&self) -> bool {
-        !self.camera_moves || !self.world.scene.environment.as_ref().is_some_and(|e| e.visible)
+        self.sky.is_none() || !self.camera_moves
+    }
+
+    /// How far what lies behind everything moves in a tile during the block, in pixels.
+    pub fn background_motion(&self, tile: &TileLight) -> f64 {
+        let Some(sky) = self.sky.as_ref().filter(|_| self.camera_moves) else { return 0.0 };
+        let view = &tile.view;
+        let half = 0.5 * TILE as f64;
+        let moved = |at: [f64; 2]| -> f64 {
+            let directions = [0.0, 0.5, 1.0].map(|u| sky.direction(view.image_point(at), u));
+            // Where the camera of the block's start sees them.
+            let places = directions.map(|direction| {
+                let h = self.screen[0].transform_vector3(direction);
+                view.point(h.x, h.y, h.z)
+            });
+            // What is seen at its end and lies behind the camera at its start has gone by far.
+            let [a, b, c] =
+                places.map(|p| if p.z > 0.0 { DVec2::new(p.x, p.y) / p.z } else { DVec2::INFINITY });
+            let way = a.distance(b) + b.distance(c);
+            if way.is_finite() { way } else { f64::from(u16::MAX) }
+        };
+        [[0.0; 2], [-half; 2], [half, -half], [-half, half], [half; 2]]
+            .map(moved)
+            .into_iter()
+            .fold(0.0, f64::max)
     }
 
     /// Mean luminance of what lies behind everything, over a part of a pixel of the tile `view`.
     pub fn background(&self, view: &TileView, frame: &PixelFrame, moments: &Moments, u: f64) -> f64 {
-        let environment = self.world.scene.environment.as_ref().filter(|e| e.visible);
-        let (Some(environment), Some(frames)) = (environment, &self.frames) else { return self.background };
-        let (at, axes) = moments.footprint();
-        let seen = view.image_point(frame.point(at));
-        let of = |frame: &Frame| {
-            // The direction whose homogeneous image point is (x, y, 1).
-            let matrix = glam::DMat3::from_mat4(frame.screen_from_world).inverse();
-            let direction = matrix * seen;
-            let pixel = axes[0][0].max(axes[1][1]) / frame.lens.focal[0];
-            material::sky(environment, direction, pixel)
+        let (Some(environment), Some(sky)) = (&self.world.scene.environment, &self.sky) else {
+            return self.background;
         };
-        let (a, b) = (of(&frames[0]), of(&frames[1]));
-        a + (b - a) * u
+        let (at, axes) = moments.footprint();
+        let pixel = axes[0][0].max(axes[1][1]) / sky.focal;
+        // Places a texel apart, up to so many along either side.
+        let texels = pixel * material::sky_texels(environment);
+        let count = texels.ceil().clamp(1.0, f64::from(SKY_PLACES)) as u32;
+        let step = |k: u32| (f64::from(k) + 0.5) / f64::from(count) - 0.5;
+        let mut sum = 0.0;
+        for k in 0..count * count {
+            let (s, t) = (step(k % count), step(k / count));
+            let place = [0, 1].map(|k| at[k] + s * axes[0][k] + t * axes[1][k]);
+            let seen = view.image_point(frame.point(place));
+            sum += material::sky(environment, sky.direction(seen, u), texels / f64::from(count));
+        }
+        sum / f64::from(count * count)
+    }
+}
+
+/// How a camera sees the sky.
+struct Sky {
+    /// World directions from image points (x, y, 1), at the start, middle and end of a block.
+    world_from_screen: [DMat3; 3],
+    /// Pixels per radian in the middle of the picture.
+    focal: f64,
+}
+
+impl Sky {
+    /// The world direction in which an image point looks at part `u` of the block.
+    #[inline(always)]
+    fn direction(&self, seen: DVec3, u: f64) -> DVec3 {
+        // On a quadratic.
+        let [a, b, c] = &self.world_from_screen;
+        let (v, w) = (1.0 - u, 2.0 * u - 1.0);
+        a * seen * (-v * w) + b * seen * (4.0 * u * v) + c * seen * (u * w)
     }
 }
 

@@ -23,6 +23,8 @@ pub const LUMINANCE: DVec3 = DVec3::from_array(LUMINANCE_WEIGHTS);
 const LEAST_ALPHA: f64 = 0.002;
 /// Smallest cosine between normal and view.
 const LEAST_COSINE: f64 = 1e-4;
+/// Least width of the border of a cone that counts, in radians.
+const LEAST_BORDER: f64 = 1e-3;
 /// Entries per side of the split-sum table.
 const SPLIT_SUM: usize = 128;
 
@@ -227,6 +229,14 @@ pub fn from_highlight(point: &Point, lamp: &Lamp) -> DVec3 {
     (point.to_eye + to_light).normalize_or(point.normal) - point.normal
 }
 
+/// How far a place is from the middle of the border of a lamp's cone, in widths of the border; `None` of a lamp that has none.
+pub fn from_cone(position: DVec3, lamp: &Lamp) -> Option<f64> {
+    let LightKind::Spot { inner, outer } = lamp.kind else { return None };
+    let (inner, outer) = (f64::from(inner), f64::from(outer));
+    let angle = lamp.direction.angle_between(position - lamp.position);
+    Some((angle - 0.5 * (inner + outer)) / (outer - inner).max(LEAST_BORDER))
+}
+
 /// How much a highlight counts beside diffuse light, as a factor on how finely it is to be followed: what is off falls with
 /// its square.
 pub fn lobe_weight(point: &Point) -> f64 {
@@ -275,11 +285,14 @@ fn split_sum(n_dot_v: f64, roughness: f64) -> [f64; 2] {
     })
 }
 
-/// Luminance of the sky around `direction` (any length), over a footprint of `pixel_angle` radians.
-pub fn sky(environment: &Environment, direction: DVec3, pixel_angle: f64) -> f64 {
-    // A texel at the middle of a face spans 2 / size.
-    let texels = pixel_angle * f64::from(environment.sky.size) * 0.5;
+/// Luminance of the sky in `direction` (any length), over a footprint of so many `texels`.
+pub fn sky(environment: &Environment, direction: DVec3, texels: f64) -> f64 {
     let turned = DQuat::from_rotation_y(-f64::from(environment.rotation)) * direction;
     let color = environment.sky.sample(turned, texels.max(1.0).log2());
     LUMINANCE.dot(wide(color)) * f64::from(environment.intensity)
+}
+
+/// Texels of the sky per radian in the middle of a face: one spans 2 / size there.
+pub fn sky_texels(environment: &Environment) -> f64 {
+    0.5 * f64::from(environment.sky.size)
 }

@@ -83,8 +83,9 @@ pub struct Work {
     /// By moment and entry.
     known: Vec<Known>,
     sights: Vec<Sight>,
-    /// Per entry: motion during the block in pixels.
+    /// Per entry: motion during the block in pixels; and of what lies behind all.
     motion: Vec<f64>,
+    background_motion: f64,
     slot_count: usize,
     pixel: usize,
     own: Vec<Own>,
@@ -119,6 +120,7 @@ impl Default for Work {
             known: Vec::new(),
             sights: Vec::new(),
             motion: Vec::new(),
+            background_motion: 0.0,
             slot_count: 0,
             pixel: 0,
             own: Vec::new(),
@@ -181,6 +183,7 @@ impl Evaluator<'_> {
             if record.still { 0.0 } else { 1.25 * scale * record.motion_px(at) / (record.u[1] - record.u[0]) }
         }));
         self.lighting.enter_tile(&mut work.light, entries, tile);
+        work.background_motion = self.lighting.background_motion(&work.light);
     }
 
     /// Goes on to pixel number `pixel` of the tile, whose activity is known.
@@ -218,7 +221,10 @@ impl Evaluator<'_> {
             }
         }
         let covered = work.own[from..].iter().any(|o| o.covers);
-        activity.still &= covered || self.lighting.background_rests();
+        if !covered && !self.lighting.background_rests() {
+            activity.still = false;
+            activity.motion_px = activity.motion_px.max(work.background_motion);
+        }
         work.owns[pixel] = [from, work.own.len()].map(|v| v as u32);
         work.still |= u64::from(activity.still) << pixel;
         activity

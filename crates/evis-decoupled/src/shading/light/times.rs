@@ -2,10 +2,11 @@
 //!
 //! Light of a place of a surface is linear between two moments. How many a block needs is told from a few places of a facet:
 //! how far light in the middle of the block is from the mean of its ends, which falls with the square of their number, and
-//! how many times its own width a highlight goes by.
+//! how many times its own width a highlight or the border of a lamp's cone goes by.
 
 use std::sync::OnceLock;
 
+use evis_scene::ShadingModel;
 use glam::{DMat4, DVec3};
 
 use super::{Lighting, MOST_OWN};
@@ -20,6 +21,8 @@ const MOST_INTERVALS: u32 = 64;
 const SMOOTH: f64 = 0.005;
 /// Widths of a highlight between two moments.
 const LOBES: f64 = 0.3;
+/// Widths of a highlight that follow as finely as one of a cone's border, within which light goes from none to all.
+const CONE_LOBES: f64 = 2.0;
 /// Beyond so many of its widths a highlight is as good as dark.
 const FAR_LOBES: f64 = 4.0;
 
@@ -184,7 +187,7 @@ impl Lighting<'_> {
     }
 
     /// How many intervals of the block light of a facet whose light changes needs within a range of (s, t), a power of two; and
-    /// how many widths of highlights go by there during the block.
+    /// how many widths of highlights, or of what bends light as much, go by there during the block.
     pub(super) fn intervals(&self, facet: u32, [low, high]: [[f64; 2]; 2], front: bool) -> (u32, f64) {
         let mean = self.answers[self.world.facets[facet as usize].surface as usize].mean_base;
         let base = mean.max(DVec3::splat(0.05));
@@ -204,33 +207,56 @@ impl Lighting<'_> {
             let off = (light[1] - 0.5 * (light[0] + light[2])).abs();
             bend = bend.max(off / light.into_iter().fold(1e-9, f64::max));
         }
-        let lobes = self.lobes_of(&points, &at);
+        let lobes = highlights(&points, &at).max(cones(&points, &at));
         let wanted = (bend / SMOOTH).sqrt().max(lobes / LOBES);
         let most = MOST_INTERVALS.min(self.times.block.length_us() as u32).max(1);
-        let intervals = (wanted.ceil() as u32).next_power_of_two().min(1 << most.ilog2());
+        let wanted = wanted.clamp(1.0, f64::from(MOST_INTERVALS)).ceil() as u32;
+        let intervals = wanted.next_power_of_two().min(1 << most.ilog2());
         (intervals, lobes)
     }
+}
 
-    /// Widths of the highlight of any lamp that go by at places of a facet at the start, middle and end of a block.
-    fn lobes_of(&self, points: &[[Point; 3]; 5], at: &[FacetAt; 3]) -> f64 {
-        let Some([first, ..]) = points.first() else { return 0.0 };
-        if first.model != evis_scene::ShadingModel::MetallicRoughness {
-            return 0.0;
-        }
-        let width = material::lobe_width(first.roughness);
-        let mut most = 0.0_f64;
-        for lamp in 0..at[0].lamps.len() {
-            // Where the half vector is, seen from the normal: the highlight is about 0.
-            let offsets =
-                points.map(|of| [0, 1, 2].map(|k| material::from_highlight(&of[k], &at[k].lamps[lamp])));
-            let moved = offsets.iter().map(|[a, b, c]| a.distance(*b) + b.distance(*c)).fold(0.0, f64::max);
-            let apart = offsets.iter().map(|o| o[1].distance(offsets[0][1])).fold(0.0, f64::max);
-            let nearest = offsets.as_flattened().iter().map(|o| o.length()).fold(f64::INFINITY, f64::min);
-            if nearest <= moved + apart + FAR_LOBES * width {
-                most = most.max(moved / width);
-            }
-        }
-        // What shines less than the diffuse light beside it matters less.
-        most * material::lobe_weight(first)
+/// Widths of the highlight of any lamp that go by at places of a facet, each at the start, middle and end of a block.
+fn highlights(points: &[[Point; 3]; 5], at: &[FacetAt; 3]) -> f64 {
+    let first = &points[0][0];
+    if first.model != ShadingModel::MetallicRoughness {
+        return 0.0;
     }
+    let width = material::lobe_width(first.roughness);
+    let mut most = 0.0_f64;
+    for lamp in 0..at[0].lamps.len() {
+        // Where the half vector is, seen from the normal: the highlight is about 0.
+        let offsets =
+            points.map(|of| [0, 1, 2].map(|k| material::from_highlight(&of[k], &at[k].lamps[lamp])));
+        let moved = offsets.iter().map(|[a, b, c]| a.distance(*b) + b.distance(*c)).fold(0.0, f64::max);
+        let apart = offsets.iter().map(|o| o[1].distance(offsets[0][1])).fold(0.0, f64::max);
+        let nearest = offsets.as_flattened().iter().map(|o| o.length()).fold(f64::INFINITY, f64::min);
+        if nearest <= moved + apart + FAR_LOBES * width {
+            most = most.max(moved / width);
+        }
+    }
+    // What shines less than the diffuse light beside it matters less.
+    most * material::lobe_weight(first)
+}
+
+/// Widths of the border of any lamp's cone that go by there.
+fn cones(points: &[[Point; 3]; 5], at: &[FacetAt; 3]) -> f64 {
+    let mut most = 0.0_f64;
+    for lamp in 0..at[0].lamps.len() {
+        let of = |points: &[Point; 3]| {
+            let place = |k: usize| material::from_cone(points[k].position, &at[k].lamps[lamp]);
+            Some([place(0)?, place(1)?, place(2)?])
+        };
+        let offsets = points.each_ref().map(of);
+        let offsets = offsets.iter().flatten();
+        let moved = offsets.clone().map(|[a, b, c]| (b - a).abs() + (c - b).abs()).fold(0.0, f64::max);
+        let [least, greatest] = [f64::min, f64::max].map(|f| offsets.clone().flatten().copied().reduce(f));
+        if let (Some(least), Some(greatest)) = (least, greatest)
+            && least <= 0.5 + moved
+            && greatest >= -0.5 - moved
+        {
+            most = most.max(CONE_LOBES * moved);
+        }
+    }
+    most
 }
