@@ -47,7 +47,13 @@ pub(super) fn interval_of(u: f64, intervals: u32) -> (u32, f64) {
 pub(super) struct Times {
     block: Block,
     /// At whole parts of the block, both ends left out; `None` where the scene cannot be evaluated.
-    known: Vec<OnceLock<Option<(Frame, Vec<Lamp>)>>>,
+    known: Vec<OnceLock<Option<Moment>>>,
+}
+
+/// The scene and its lamps at a time.
+struct Moment {
+    frame: Frame,
+    lamps: Vec<Lamp>,
 }
 
 impl Times {
@@ -110,9 +116,9 @@ impl Lighting<'_> {
         let found = known.get_or_init(|| {
             let frame = self.world.frame(self.times.block.at(u)).ok()?;
             let lamps = material::lamps(self.world.scene, &frame, &self.world.moving_nodes);
-            Some((frame, lamps))
+            Some(Moment { frame, lamps })
         });
-        found.as_ref().map_or_else(|| end(0), |(frame, lamps)| (Some(frame), &lamps[..]))
+        found.as_ref().map_or_else(|| end(0), |found| (Some(&found.frame), &found.lamps[..]))
     }
 
     /// A facet at part `u` of the block, seen from its front or from behind.
