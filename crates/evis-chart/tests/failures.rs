@@ -62,6 +62,8 @@ fn the_high_preset_keeps_near_native() {
         "highlights",
         "shadows",
         "lights",
+        "cones",
+        "sky",
         "depth",
         "cut",
         "refractory",

@@ -48,8 +48,9 @@ const SMOOTH: f64 = 0.0015;
 const MOST_PERSPECTIVE: f64 = 0.015;
 /// Where shadows leave such a part of an area, base colour is averaged over what they leave.
 const PARTLY_LIT: std::ops::Range<f64> = 0.001..0.99;
-/// Most places along either side of a footprint on the sky.
-const SKY_PLACES: u32 = 4;
+/// Places per texel along either side of a footprint on the sky; and most of them.
+const SKY_DENSITY: f64 = 3.0;
+const SKY_PLACES: u32 = 6;
 /// Places along either side of a footprint on a surface with maps, where there is no picture.
 const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.
@@ -896,9 +897,8 @@ impl<'a> Lighting<'a> {
         };
         let (at, axes) = moments.footprint();
         let pixel = axes[0][0].max(axes[1][1]) / sky.focal;
-        // Places a texel apart, up to so many along either side.
         let texels = pixel * material::sky_texels(environment);
-        let count = texels.ceil().clamp(1.0, f64::from(SKY_PLACES)) as u32;
+        let count = (SKY_DENSITY * texels).ceil().clamp(1.0, f64::from(SKY_PLACES)) as u32;
         let step = |k: u32| (f64::from(k) + 0.5) / f64::from(count) - 0.5;
         let mut sum = 0.0;
         for k in 0..count * count {

@@ -176,6 +176,20 @@ pub(super) const CASES: &[Case] = &[
         detect: |seen, _| Ok(whole(seen)),
     },
     Case {
+        id: "cones",
+        title: "cones of light that move over what is still",
+        number: "F1 where the cone of a spot sweeps over a wall",
+        shots: &[ShotId::Sweep],
+        detect: |seen, _| Ok(whole(seen)),
+    },
+    Case {
+        id: "sky",
+        title: "the sky, which has no depth",
+        number: "F1 before a camera that turns",
+        shots: &[ShotId::Sky],
+        detect: |seen, _| Ok(whole(seen)),
+    },
+    Case {
         id: "near",
         title: "softmax overflow at small depth",
         number: "events over truth's, 12 and 20 mm before the camera",

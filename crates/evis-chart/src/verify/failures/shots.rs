@@ -8,10 +8,11 @@ use evis_core::SensorConfig;
 use evis_core::sensor::{Refractory, RefractoryRule};
 use evis_render::Shadows;
 use evis_scene::builder::{EventCamera, Placement, Sampling, SceneBuilder, ShapeSettings, still};
+use evis_scene::environment::Environment;
 use evis_scene::motion::{Path, PathInterpolation, WaveShape, Waveform};
 use evis_scene::primitive::Shape;
 use evis_scene::procedural::{Pattern, Procedural};
-use evis_scene::{Image, Light, Material, Scene, SceneError, Trs};
+use evis_scene::{Image, Light, LightKind, Material, Scene, SceneError, Trs};
 use evis_truth::PixelChoice;
 use glam::{DQuat, DVec3};
 use half::f16;
@@ -62,6 +63,10 @@ pub(super) enum ShotId {
     Shadow,
     /// A still picture under a lamp that flickers.
     Lamp,
+    /// The cone of a spot sweeps over a still wall.
+    Sweep,
+    /// The camera turns before the sky.
+    Sky,
     /// Pictures a few centimetres before the camera.
     Near,
     /// A box flies through the camera, the sky behind it.
@@ -112,6 +117,8 @@ impl ShotId {
             Self::Highlight => highlight(),
             Self::Shadow => shadow(),
             Self::Lamp => lamp(),
+            Self::Sweep => sweep(),
+            Self::Sky => sky(),
             Self::Near => near(),
             Self::Through => through(),
             Self::Expansion => expansion(),
@@ -340,6 +347,27 @@ fn lamp() -> Result<Shot, SceneError> {
     let lamp = Light::point("lamp", 2.0).flickering(sine(40.0, 0.4, 1.6));
     s.builder.light(lamp, Placement::at([0.2, 0.2, 0.0]))?;
     s.shot(100, PixelChoice::Count(100))
+}
+
+fn sweep() -> Result<Shot, SceneError> {
+    let mut s = Stage::new("sweep", 0.2)?;
+    let wall = s.picture("wall", 5, [0.6, 0.9], true)?;
+    s.board(wall, Placement::at([0.0, 0.0, -1.0]))?;
+    // The spot that it throws is some 16 pixels across, its border 2.
+    let spot = Light { kind: LightKind::Spot { inner: 0.10, outer: 0.13 }, ..Light::point("spot", 2.0) };
+    let start = Trs { rotation: DQuat::from_rotation_y(0.4), ..Trs::default() };
+    let path = Path::Spin { start, axis: DVec3::Y, rate: -8.0 };
+    s.builder.light(spot, Placement::along(path))?;
+    s.builder.ambient([0.15; 3])?;
+    s.shot(90, PixelChoice::Crop { x: 4, y: 20, width: 56, height: 6 })
+}
+
+fn sky() -> Result<Shot, SceneError> {
+    let mut s = Stage::new("sky", 0.2)?;
+    s.builder.environment(Environment { visible: true, ..Environment::studio() });
+    let axis = DVec3::new(0.2, 1.0, 0.1).normalize();
+    s.placement = Placement::along(Path::Spin { start: Trs::default(), axis, rate: 3.0 });
+    s.shot(100, PixelChoice::Count(250))
 }
 
 fn near() -> Result<Shot, SceneError> {

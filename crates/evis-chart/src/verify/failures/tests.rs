@@ -159,7 +159,7 @@ fn every_shot_can_be_built_and_ids_are_unique() {
     let all = ids.len();
     ids.sort();
     ids.dedup();
-    assert_eq!((ids.len(), all), (all, 22));
+    assert_eq!((ids.len(), all), (all, 24));
     // The cut takes a microsecond.
     let scene = ShotId::Cut.build().unwrap().scene;
     let at = |t_us: i64| {
