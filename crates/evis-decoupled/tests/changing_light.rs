@@ -201,8 +201,8 @@ fn a_camera_that_turns_sees_the_sky_as_rays_say() {
     let (asked, truth) = truth_of(&scene, (48, 36), 80_000, 200);
     let (found, count) = f1(&scene, &asked, &truth);
     println!("{error:.4} off, {canary:.4} two milliseconds later; F1 {found:.4} of {count} events");
-    assert!(error < 0.004 && canary > 1.5 * error, "{error:.4}, {canary:.4}");
-    assert!(found > 0.95 && count > 300, "{found:.4} of {count}");
+    assert!(error < 0.002 && canary > 1.5 * error, "{error:.4}, {canary:.4}");
+    assert!(found > 0.98 && count > 300, "{found:.4} of {count}");
 }
 
 /// A spot sweeps over a wall that is still.
