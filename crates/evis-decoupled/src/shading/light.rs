@@ -26,14 +26,13 @@ use crate::scene::facets::{Facet, bounding_box, wide};
 use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
 use crate::scene::world::{Frame, World};
 use crate::shading::material::{self, Around, Lamp, Response, respond};
+use crate::shading::moments::{self, FacetAt, Times};
 use crate::shading::pages::{Pages, Picture};
 use crate::shading::shadow::{Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::visibility::blocks::{Block, Clock};
 use crate::visibility::coverage::{Moments, Polygon, Polygons};
 use crate::visibility::fragment::{Line, Sight};
 use crate::visibility::lists::{Entry, Record};
-
-use self::times::{FacetAt, Times};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
@@ -449,7 +448,7 @@ impl<'a> Lighting<'a> {
             focal: world.lens.focal[0],
         });
         // At a jump, what held before the border does not hold after it.
-        self.borders = [times::key(block.start_us, block.jump), times::key(block.end_us, false)];
+        self.borders = [moments::key(block.start_us, block.jump), moments::key(block.end_us, false)];
         for shard in &mut self.patches {
             let map = shard.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
             map.retain(|key, _| key.border == 0 || self.borders.contains(&key.border));
@@ -831,7 +830,7 @@ impl<'a> Lighting<'a> {
             within[k] = at - cell[k] as f64;
         }
         let number = slot.at + cell[1] * slot.count[0] + cell[0];
-        let (interval, part) = times::interval_of(u, slot.intervals);
+        let (interval, part) = moments::interval_of(u, slot.intervals);
         let at = |time: u32| {
             let patch = &tile.patches[number + time as usize * slot.count[0] * slot.count[1]];
             let intervals = patch.intervals as usize;

@@ -3,5 +3,6 @@
 pub mod keyframe;
 pub mod light;
 pub mod material;
+pub mod moments;
 pub mod pages;
 pub mod shadow;

@@ -367,7 +367,9 @@ fn sky() -> Result<Shot, SceneError> {
     s.builder.environment(Environment { visible: true, ..Environment::studio() });
     let axis = DVec3::new(0.2, 1.0, 0.1).normalize();
     s.placement = Placement::along(Path::Spin { start: Trs::default(), axis, rate: 3.0 });
-    s.shot(100, PixelChoice::Count(250))
+    // It has little contrast.
+    let sensor = SensorConfig { threshold_on: 0.1, threshold_off: 0.1, ..SensorConfig::default() };
+    Ok(Shot { sensor, ..s.shot(100, PixelChoice::Count(400))? })
 }
 
 fn near() -> Result<Shot, SceneError> {

@@ -2,11 +2,11 @@
 
 use glam::{DMat2, DVec2, DVec3};
 
-use super::times::{FacetAt, interval_of};
 use super::{Instant, Lighting, MOST_OWN, Mapped, PLACES, Part, TileLight};
 use crate::image::maps::MapReader;
 use crate::shading::keyframe::{self, Footprint, Keyframe, MOST_PLANES};
 use crate::shading::material::{self, Response, respond};
+use crate::shading::moments::{FacetAt, interval_of};
 use crate::shading::pages::{BEYOND_PX, Picture};
 use crate::visibility::lists::Record;
 
