@@ -752,7 +752,7 @@ def test_isaac_labs_sensor_reads_no_picture_on_the_host(
     output = own.data.output
     assert read
     assert max(read) <= 16, "numbers per environment, and nothing per pixel or event"
-    # Canary: to ask for the events of an environment copies them.
+    # Canary: reading the events of an environment copies them.
     assert len(own.pipeline.events[0]) > 100
     assert max(read) > 100
     monkeypatch.undo()

@@ -12,6 +12,7 @@ sensor.
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -806,7 +807,7 @@ def _spread(flat: Any, unknown: Any, nearness: Any, canvas: tuple[int, int]) -> 
     return unknown[count == 0]
 
 
-class _Gap:
+class _Gap(ABC):
     """The gap between two keyframes of M environments: what all instants have in common."""
 
     def __init__(
@@ -826,13 +827,13 @@ class _Gap:
         x, y = (torch.where(goes, motion[..., axis], 0.0) for axis in (0, 1))
         self._prepare(light, nearness, goes, (x, y))
 
+    @abstractmethod
     def instant(self, elapsed: Any, count: int) -> Any:
         """Light (count, P) of the first environments at the parts `elapsed` (count,); NaN unknown."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _prepare(self, light: Any, nearness: Any, goes: Any, motion: tuple[Any, Any]) -> None:
         """Keep what instants need: all (2, M, S), older side first; what does not go somewhere moves by 0."""
-        raise NotImplementedError
 
 
 class _Splat(_Gap):

@@ -140,8 +140,8 @@ class EventPipeline:
 
     Arrays are NumPy, PyTorch, anything with DLPack or NumPy's array interface, or wrap a tensor as ``.torch``
     (Isaac Lab's ``ProxyArray``). Tensors on a CUDA device stay there, with what is made of them, where
-    PyTorch can do what the sensor asks for (``settings.backend``); else they are copied to the CPU once per
-    keyframe, which a warning says once, with its cost. Nothing is kept of a host's buffers after `push`
+    PyTorch supports the sensor (``settings.backend``); otherwise they are copied to the CPU once per
+    keyframe, which a single warning reports, with its cost. Nothing is kept of a host's buffers after `push`
     returns.
 
     Parameters

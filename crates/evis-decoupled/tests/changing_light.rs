@@ -55,6 +55,30 @@ fn add_texture(scene: &mut Scene, size: u32, texel: impl Fn(u32, u32) -> [f32; 4
     Some(TextureRef { texture: image, uv_set: 0, transform: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0] })
 }
 
+/// What `scene` looks like between moments of any division of its second block, and what it fires.
+struct Measured {
+    /// Error of light against rays.
+    error: f64,
+    /// How much light itself changes within `later_us`.
+    canary: f64,
+    /// F1 against the oracle, and events.
+    found: f64,
+    count: usize,
+}
+
+impl Measured {
+    fn of(scene: &Scene, later_us: f64, duration_us: i64) -> Self {
+        let settings = Settings { size: Some(SIZE), ..Settings::default() };
+        let t_us = 32_768.0 * 1.36;
+        let wanted = exact(scene, SIZE, t_us);
+        let error = off(&luminance(scene, &settings, t_us).unwrap(), &wanted);
+        let canary = off(&exact(scene, SIZE, t_us + later_us), &wanted);
+        let (asked, truth) = truth_of(scene, SIZE, duration_us, 200);
+        let (found, count) = f1(scene, &asked, &truth);
+        Self { error, canary, found, count }
+    }
+}
+
 /// A lamp flies past a glossy card and a glossy ball that spins; `mapped` ones have a normal map, which says nothing.
 fn glossy(mapped: bool) -> Scene {
     let mut scene = Scene { ambient: [0.05; 3], ..Scene::default() };
@@ -84,14 +108,7 @@ fn glossy(mapped: bool) -> Scene {
 fn highlights_go_by_as_rays_say() {
     for mapped in [false, true] {
         let scene = glossy(mapped);
-        let settings = Settings { size: Some(SIZE), ..Settings::default() };
-        // Between moments of any division of the block.
-        let t_us = 32_768.0 * 1.36;
-        let wanted = exact(&scene, SIZE, t_us);
-        let error = off(&luminance(&scene, &settings, t_us).unwrap(), &wanted);
-        let canary = off(&exact(&scene, SIZE, t_us + 500.0), &wanted);
-        let (asked, truth) = truth_of(&scene, (48, 36), 80_000, 200);
-        let (found, count) = f1(&scene, &asked, &truth);
+        let Measured { error, canary, found, count } = Measured::of(&scene, 500.0, 80_000);
         println!(
             "mapped {mapped}: {error:.4} off, {canary:.4} half a millisecond later; F1 {found:.4} of {count}"
         );
@@ -193,13 +210,7 @@ fn a_camera_that_turns_sees_the_sky_as_rays_say() {
         Motion::Path(Path::Spin { start, axis: DVec3::new(0.2, 1.0, 0.1).normalize(), rate: 3.0 }.into());
     let node = scene.add_node(Node { motion: turning, ..Node::default() });
     scene.cameras.push(camera(node, Lens::FieldOfView { fov_y: 0.7 }));
-    let settings = Settings { size: Some(SIZE), ..Settings::default() };
-    let t_us = 32_768.0 * 1.36;
-    let wanted = exact(&scene, SIZE, t_us);
-    let error = off(&luminance(&scene, &settings, t_us).unwrap(), &wanted);
-    let canary = off(&exact(&scene, SIZE, t_us + 2000.0), &wanted);
-    let (asked, truth) = truth_of(&scene, (48, 36), 80_000, 200);
-    let (found, count) = f1(&scene, &asked, &truth);
+    let Measured { error, canary, found, count } = Measured::of(&scene, 2000.0, 80_000);
     println!("{error:.4} off, {canary:.4} two milliseconds later; F1 {found:.4} of {count} events");
     assert!(error < 0.002 && canary > 1.5 * error, "{error:.4}, {canary:.4}");
     assert!(found > 0.98 && count > 300, "{found:.4} of {count}");
@@ -225,13 +236,7 @@ fn the_edge_of_a_cone_goes_by_as_rays_say() {
         let path = Path::Spin { start, axis: DVec3::Y, rate: -6.0 };
         scene.add_node(Node { light: Some(0), motion: Motion::Path(path.into()), ..Node::default() });
         add_camera(&mut scene);
-        let settings = Settings { size: Some(SIZE), ..Settings::default() };
-        let t_us = 32_768.0 * 1.36;
-        let wanted = exact(&scene, SIZE, t_us);
-        let error = off(&luminance(&scene, &settings, t_us).unwrap(), &wanted);
-        let canary = off(&exact(&scene, SIZE, t_us + 500.0), &wanted);
-        let (asked, truth) = truth_of(&scene, (48, 36), 100_000, 200);
-        let (found, count) = f1(&scene, &asked, &truth);
+        let Measured { error, canary, found, count } = Measured::of(&scene, 500.0, 100_000);
         println!(
             "shadows {casts_shadow}: {error:.4} off, {canary:.4} half a millisecond later; F1 {found:.4} of {count}"
         );

@@ -285,12 +285,7 @@ impl<'a> World<'a> {
     pub fn tangents(&self, surface: u32, frame: &Frame) -> Vec<(DVec3, f64)> {
         let Some(tangents) = &self.primitive(surface).tangents else { return Vec::new() };
         let world_from_vertex = self.world_from_vertices(surface, frame);
-        let carried = |(v, &[x, y, z, w]): (usize, &[f32; 4])| {
-            let matrix = world_from_vertex(v);
-            // glTF 2.0, 3.7.2.1: the bitangent is cross(normal, tangent) w in the mesh's own space.
-            let sign = if matrix.determinant() < 0.0 { -f64::from(w) } else { f64::from(w) };
-            (matrix.transform_vector3(wide([x, y, z])), sign)
-        };
+        let carried = |(v, tangent): (usize, &[f32; 4])| tangent_under(&world_from_vertex(v), *tangent);
         let blends = self.blends(surface);
         let own = tangents.len().saturating_sub(blends.len());
         let mut tangents: Vec<_> = tangents[..own].iter().enumerate().map(carried).collect();
@@ -339,6 +334,13 @@ pub fn normal_under(matrix: &DMat4, normal: DVec3) -> DVec3 {
     let carried = y.cross(z) * normal.x + z.cross(x) * normal.y + x.cross(y) * normal.z;
     let sign = if x.dot(y.cross(z)) < 0.0 { -1.0 } else { 1.0 };
     (carried * sign).normalize_or(DVec3::Z)
+}
+
+/// A tangent carried by `matrix`, and the sign of its bitangent.
+pub fn tangent_under(matrix: &DMat4, [x, y, z, w]: [f32; 4]) -> (DVec3, f64) {
+    // glTF 2.0, 3.7.2.1: the bitangent is cross(normal, tangent) w in the mesh's own space.
+    let sign = if matrix.determinant() < 0.0 { -f64::from(w) } else { f64::from(w) };
+    (matrix.transform_vector3(wide([x, y, z])), sign)
 }
 
 /// Whether each directed edge of triangles, by the `places` of its ends, has one against it.

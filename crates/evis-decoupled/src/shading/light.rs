@@ -919,7 +919,7 @@ struct Sky {
 }
 
 impl Sky {
-    /// The world direction in which an image point looks at part `u` of the block.
+    /// The world direction of an image point at part `u` of the block.
     #[inline(always)]
     fn direction(&self, seen: DVec3, u: f64) -> DVec3 {
         // On a quadratic.

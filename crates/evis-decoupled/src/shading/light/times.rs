@@ -1,13 +1,14 @@
 //! Light between the ends of a block: at how many moments it is found, and facets at these.
 //!
-//! How many moments a block needs is told from a few places of a facet: how far light in the middle of the block is from the mean of its ends, which falls with the square of their number, and
-//! how many times its own width a highlight or the border of a lamp's cone goes by.
+//! The number of moments follows from light at a few places of a facet: from the difference between light in the middle of the
+//! block and the mean of its ends, which falls with the square of their number, and from how many times its own width a
+//! highlight or the border of a lamp's cone moves.
 
 use glam::{DMat4, DVec3};
 
 use super::{Lighting, MOST_OWN};
 use crate::scene::facets::wide;
-use crate::scene::world::{Frame, normal_under};
+use crate::scene::world::{Frame, normal_under, tangent_under};
 use crate::shading::material::{self, Lamp, Point, Response, respond};
 use crate::shading::moments::{FacetAt, MOST_INTERVALS, Moment, cones, highlights, key};
 
@@ -107,13 +108,13 @@ impl Lighting<'_> {
         })
     }
 
+    /// Tangents of a rigid surface in the world, where it has maps.
     fn carried_tangents(&self, surface: u32, vertices: [usize; 3], pose: &DMat4) -> [(DVec3, f64); 3] {
         let tangents = self.world.primitive(surface).tangents.as_ref();
-        let mirrored = if pose.determinant() < 0.0 { -1.0 } else { 1.0 };
-        vertices.map(|v| {
-            let [x, y, z, w] = tangents.and_then(|t| t.get(v)).copied().unwrap_or_default();
-            (pose.transform_vector3(wide([x, y, z])), f64::from(w) * mirrored)
-        })
+        let Some(tangents) = tangents.filter(|_| self.answers[surface as usize].maps.is_some()) else {
+            return Default::default();
+        };
+        vertices.map(|v| tangent_under(pose, tangents.get(v).copied().unwrap_or_default()))
     }
 
     /// How many intervals of the block light of a facet whose light changes needs within a range of (s, t), a power of two; and
