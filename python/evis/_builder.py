@@ -427,7 +427,8 @@ class SceneBuilder:
         lights : dict of str to dict, optional
             Per light, what is otherwise: ``color``, ``intensity`` (lux or candela), ``on``.
         cameras : dict of str to dict, optional
-            Per camera, its lens: ``fov_y_degrees``, or ``fx``, ``fy``, ``cx`` and ``cy`` in pixels.
+            Per camera, its lens: ``fov_y_degrees``, or ``fx``, ``fy``, ``cx`` and ``cy`` in pixels, or
+            ``orthographic_height`` and ``far`` in metres.
         """
         places = {name: table_of(name, pose) for name, pose in (offsets or {}).items()}
         self._add(

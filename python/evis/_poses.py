@@ -170,10 +170,14 @@ def light_changes(
     return found
 
 
+_LENSES = (("fov_y_degrees",), ("orthographic_height", "far"), ("fx", "fy", "cx", "cy"))
+"""What a lens is given by."""
+
+
 def lens_changes(
     names: Sequence[str], environments: Sequence[int], lenses: Mapping[str, Any]
 ) -> list[tuple[int, int, list[float]]]:
-    """Per environment of ``environments`` and camera: a field of view in radians, or fx, fy, cx, cy."""
+    """Per environment of ``environments`` and camera: one of `_LENSES`, a field of view in radians."""
     found = []
     for name, value in lenses.items():
         if name not in names:
@@ -184,23 +188,23 @@ def lens_changes(
                 f"{what} is {_check.shown(value)}; it must be a mapping such as {{'fov_y_degrees': 60.0}}"
             )
         for key in value:
-            if key not in {"fov_y_degrees", "fx", "fy", "cx", "cy"}:
-                known = _check.one_of(("fov_y_degrees", "fx", "fy", "cx", "cy"))
-                raise ConfigError(f"{what} has {key!r}; it takes {known}")
+            known = [each for keys in _LENSES for each in keys]
+            if key not in known:
+                raise ConfigError(f"{what} has {key!r}; it takes {_check.one_of(known)}")
         columns = {
             key: _factor(f"{what}[{key!r}]", numbers, len(environments), 1)[:, 0]
             for key, numbers in value.items()
         }
-        if set(columns) == {"fov_y_degrees"}:
-            rows = [[float(v)] for v in np.radians(columns["fov_y_degrees"])]
-        elif set(columns) == {"fx", "fy", "cx", "cy"}:
-            rows = np.stack([columns[k] for k in ("fx", "fy", "cx", "cy")], axis=1).tolist()
-        else:
+        keys = next((keys for keys in _LENSES if set(keys) == set(columns)), None)
+        if keys is None:
             raise ConfigError(
-                f"{what} has {', '.join(map(repr, columns)) or 'nothing'}; give 'fov_y_degrees', or all of "
-                "'fx', 'fy', 'cx', 'cy'"
+                f"{what} has {', '.join(map(repr, columns)) or 'nothing'}; give 'fov_y_degrees', or both of "
+                "'orthographic_height' and 'far', or all of 'fx', 'fy', 'cx', 'cy'"
             )
-        found += [(e, list(names).index(name), rows[row]) for row, e in enumerate(environments)]
+        rows = np.stack([columns[key] for key in keys], axis=1)
+        if keys == ("fov_y_degrees",):
+            rows = np.radians(rows)
+        found += [(e, list(names).index(name), rows[row].tolist()) for row, e in enumerate(environments)]
     return found
 
 

@@ -26,7 +26,7 @@ from .motion import HERE, Placement, fields_of, table_of
 class EventCamera(ShortRepr):
     """An event camera that looks along its -Z, with +Y up (glTF axes), in metres.
 
-    The lens is a vertical field of view or intrinsics, not both; with intrinsics it may have a distortion.
+    The lens is a vertical field of view, intrinsics, which may have a distortion, or orthographic.
 
     Attributes
     ----------
@@ -41,6 +41,9 @@ class EventCamera(ShortRepr):
     distortion : RadialTangential or Fisheye, optional
         Distortion of the lens, from `evis.lens`; a pinhole where not given. Events and labels are then those
         of distorted pixels.
+    orthographic_height, far : float, optional
+        Of an orthographic camera, both: what the picture shows from its lower to its upper edge, and the
+        planar distance beyond which nothing is seen; metres.
     pose : Placement
         Where it is, what carries it, and how it moves; ``parent_from_camera``.
     near : float, optional
@@ -60,6 +63,8 @@ class EventCamera(ShortRepr):
     cx: float | None = None
     cy: float | None = None
     distortion: Distortion | None = None
+    orthographic_height: float | None = None
+    far: float | None = None
     pose: Placement = HERE
     near: float | None = None
     threshold_on: float | None = None

@@ -605,10 +605,10 @@ class Simulator:
             Values of lights from now on, without any event: as of `step`, with one per environment of
             ``env_ids`` in front.
         lenses : mapping of str to mapping, optional
-            Lenses of cameras from now on, by camera: ``fov_y_degrees``, or ``fx``, ``fy``, ``cx`` and ``cy``
-            in pixels of the camera's own size; each one number, or one per environment of ``env_ids``. Views
-            of later packets, and `cameras_of`, tell them; files of `Writer` those of the first packet. Not
-            for cameras with a distortion.
+            Lenses of cameras from now on, by camera: ``fov_y_degrees``, ``orthographic_height`` and ``far``
+            in metres, or ``fx``, ``fy``, ``cx`` and ``cy`` in pixels of the camera's own size; each one
+            number, or one per environment of ``env_ids``. Views of later packets, and `cameras_of`, tell
+            them; files of `Writer` those of the first packet. Not for cameras with a distortion.
 
         Raises
         ------

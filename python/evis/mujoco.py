@@ -132,8 +132,7 @@ def scene(
         If it is no model, holds values that are not finite, or shows nothing.
     """
     reading = _ModelReader(model, data, geom_groups, site_groups, tendon_groups, size)
-    cameras = [i for i in range(model.ncam) if not _is_orthographic(model, i)] or [-1]
-    return reading.build(cameras, skybox)
+    return reading.build(list(range(model.ncam)) or [-1], skybox)
 
 
 class EventRenderer:
@@ -1206,10 +1205,6 @@ class _ModelReader:
             if not -1 <= found < model.ncam:
                 have = f"cameras 0 to {model.ncam - 1}" if model.ncam else "no camera"
                 raise ConfigError(f"camera is {found}; the model has {have}, and -1 is the free camera")
-        if _is_orthographic(model, found):
-            raise ConfigError(
-                f"camera '{self.camera_name(found)}' is orthographic; only perspective ones work"
-            )
         return found
 
     def camera_name(self, view: int) -> str:
@@ -1596,22 +1591,22 @@ class _ModelReader:
                 name=name,
                 width=width,
                 height=height,
-                fov_y_degrees=float(model.vis.global_.fovy),
                 near=near,
                 pose=Placement(position=pose[:3], rotation=pose[3:]),
+                **self._lens(view, float(model.vis.global_.fovy)),
             )
         width, height = self.size or (int(v) for v in model.cam_resolution[view])
         if min(width, height) <= 1:
             width, height = 640, 480
         lens: dict[str, Any] = {}
         sensor = np.asarray(model.cam_sensorsize[view], np.float64)
-        if sensor[1] > 0:
+        if sensor[1] > 0 and not _is_orthographic(model, view):
             focal_x, focal_y, x, _ = (float(v) for v in model.cam_intrinsic[view])
             lens["fx"], lens["fy"] = focal_x / sensor[0] * width, focal_y / sensor[1] * height
             lens["cx"] = width * (0.5 - x / sensor[0])
             lens["cy"] = height * self._above(view)
         else:
-            lens["fov_y_degrees"] = float(model.cam_fovy[view])
+            lens = self._lens(view, float(model.cam_fovy[view]))
         if self._is_fixed("cam", view):
             place = _seven(model.cam_pos[view], model.cam_quat[view])
             parent = _body(model, int(model.cam_bodyid[view]))
@@ -1620,6 +1615,13 @@ class _ModelReader:
             parent = None
         placed = Placement(position=place[:3], rotation=place[3:], parent=parent)
         return EventCamera(name=name, width=width, height=height, near=near, pose=placed, **lens)
+
+    def _lens(self, view: int, fovy: float) -> dict[str, Any]:
+        """Lens of a camera without sensor size: `fovy` is in degrees, or a length if it is orthographic."""
+        if not _is_orthographic(self.model, view):
+            return {"fov_y_degrees": fovy}
+        far = float(self.model.vis.map.zfar * self.model.stat.extent)
+        return {"orthographic_height": fovy, "far": far}
 
     def _above(self, view: int) -> float:
         """Share of the picture above the axis of a lens; its sign has changed between MuJoCo 3 and 4."""
@@ -1734,9 +1736,6 @@ class _ModelReader:
             if 0 < self._appearance("tendon", index)[1][3] < _TRANSPARENT:
                 name = _name(model, _OBJECT.mjOBJ_TENDON, index)
                 self._omit_named("transparent, not drawn (alpha below 0.5)", f"tendon '{name}'")
-        for index in range(model.ncam):
-            if _is_orthographic(model, index):
-                self._omit_named("orthographic, left out", f"camera '{self.camera_name(index)}'")
         for index in range(model.nlight):
             if model.light_active[index] and self._light_kind(index) is None:
                 self._omit_named("image lights do not shine", _light_name(model, index))

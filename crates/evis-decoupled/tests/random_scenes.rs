@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use evis_decoupled::scene::screen::Depths;
 use evis_decoupled::scene::tiles::TILE;
 use evis_decoupled::scene::world::World;
 use evis_decoupled::visibility::blocks::{Block, Clock};
@@ -96,12 +97,21 @@ fn scene(seed: u64, count: usize, motion: f64) -> Scene {
     scene
 }
 
+/// The same through an orthographic camera, whose planes cut some of it.
+fn orthographic(mut scene: Scene) -> Scene {
+    for camera in &mut scene.cameras {
+        camera.lens = Lens::Orthographic { height: 3.0, far: 5.0 };
+        camera.near = 0.8;
+    }
+    scene
+}
+
 /// Facets at a time, by exact poses: homogeneous corners, and how they are drawn.
 fn exact(world: &World, t_us: f64) -> Vec<(u32, [DVec3; 4], bool)> {
     let frame = world.frame(t_us).expect("the camera has a pose");
     let vertices: Vec<Vec<DVec3>> = (0..world.surfaces.len() as u32)
         .map(|s| {
-            let of = |(p, _): (DVec3, DVec3)| frame.screen_from_world.transform_point3(p);
+            let of = |(p, _): (DVec3, DVec3)| frame.screen_from_world.point(p);
             world.vertices(s, &frame).into_iter().map(of).collect()
         })
         .collect();
@@ -118,7 +128,7 @@ fn exact(world: &World, t_us: f64) -> Vec<(u32, [DVec3; 4], bool)> {
 }
 
 /// The facet that is seen at image point (x, y), by one over its depth; of equal ones the first.
-fn seen(facets: &[(u32, [DVec3; 4], bool)], at: [f64; 2], near: f64) -> Option<u32> {
+fn seen(facets: &[(u32, [DVec3; 4], bool)], at: [f64; 2], depths: &Depths) -> Option<u32> {
     let d = DVec3::new(at[0], at[1], 1.0);
     let mut best: Option<(f64, u32)> = None;
     for (id, h, double) in facets {
@@ -128,7 +138,8 @@ fn seen(facets: &[(u32, [DVec3; 4], bool)], at: [f64; 2], near: f64) -> Option<u
         }
         let inside = (0..4).all(|k| h[k].cross(h[(k + 1) % 4]).dot(d) * volume.signum() >= 0.0);
         let w = (h[1].cross(h[3]) + h[3].cross(h[0]) + h[0].cross(h[1])).dot(d) / volume;
-        if inside && w <= 1.0 / near && best.is_none_or(|b| w > b.0 * (1.0 + 1e-10)) {
+        let between = w <= 1.0 / depths.near && w >= 1.0 / depths.far;
+        if inside && between && best.is_none_or(|b| w > b.0 * (1.0 + 1e-10)) {
             best = Some((w, *id));
         }
     }
@@ -139,8 +150,9 @@ fn seen(facets: &[(u32, [DVec3; 4], bool)], at: [f64; 2], near: f64) -> Option<u
 fn what_is_seen_is_in_its_tile_s_list() {
     let (mut samples, mut missing, mut canary) = (0, 0, 0);
     let mut kinds = std::collections::BTreeSet::new();
-    for seed in 0..6 {
+    for seed in 0..8 {
         let scene = scene(seed, 60, if seed % 2 == 0 { 1.0 } else { 4.0 });
+        let scene = if seed < 6 { scene } else { orthographic(scene) };
         let world = World::new(&scene, 0, Some((SIZE[0] as u32, SIZE[1] as u32))).unwrap();
         let block = Block { start_us: 16_384.0, end_us: 32_768.0, jump: false };
         let mut clock = Clock::new(&world, block);
@@ -148,12 +160,12 @@ fn what_is_seen_is_in_its_tile_s_list() {
         let rows: Vec<_> = (0..lists.row_count()).map(|r| lists.row(r)).collect();
         for k in 0..12 {
             let t_us = block.start_us + block.length_us() * f64::from(k) / 11.5;
-            let facets = exact(&world, t_us);
+            let (facets, depths) = (exact(&world, t_us), world.frame(t_us).unwrap().depths);
             for y in 0..SIZE[1] * 4 {
                 for x in 0..SIZE[0] * 4 {
                     // Off the grid, so that edges are met everywhere.
                     let at = [0, 1].map(|a| ([x, y][a] as f64 + [0.37, 0.61][(a + k as usize) % 2]) * 0.25);
-                    let Some(facet) = seen(&facets, at, world.lens.near) else { continue };
+                    let Some(facet) = seen(&facets, at, &depths) else { continue };
                     let tile = &rows[y / 4 / TILE][x / 4 / TILE];
                     let bit = (y / 4 % TILE) * TILE + x / 4 % TILE;
                     let listed = |left_out: usize| {
@@ -180,14 +192,23 @@ fn what_is_seen_is_in_its_tile_s_list() {
 
 #[test]
 fn areas_are_those_of_4096_exact_samples() {
+    areas(10..16, &|scene| scene);
+}
+
+#[test]
+fn areas_through_an_orthographic_camera_are_those_of_exact_samples() {
+    areas(16..20, &orthographic);
+}
+
+fn areas(seeds: std::ops::Range<u64>, seen_by: &dyn Fn(Scene) -> Scene) {
     let (mut squares, mut worst, mut count, mut canary) = (0.0, 0.0_f64, 0.0_f64, 0.0_f64);
-    for seed in 10..16 {
-        let scene = scene(seed, 40, 1.0);
+    for seed in seeds {
+        let scene = seen_by(scene(seed, 40, 1.0));
         let t_us = 20_992.0;
         let settings = Settings { size: Some((SIZE[0] as u32, SIZE[1] as u32)), ..Default::default() };
         let picture = luminance(&scene, &settings, t_us).unwrap();
         let world = World::new(&scene, 0, settings.size).unwrap();
-        let facets = exact(&world, t_us);
+        let (facets, depths) = (exact(&world, t_us), world.frame(t_us).unwrap().depths);
         let light = |facet: Option<u32>| {
             let of = |f: u32| {
                 let surface = world.facets[f as usize].surface as usize;
@@ -198,7 +219,7 @@ fn areas_are_those_of_4096_exact_samples() {
         for (i, found) in picture.iter().enumerate() {
             let (x, y) = (i % SIZE[0], i / SIZE[0]);
             let corners = [[0.01, 0.01], [0.99, 0.01], [0.5, 0.5], [0.01, 0.99], [0.99, 0.99]];
-            let corners = corners.map(|[u, v]| seen(&facets, [x as f64 + u, y as f64 + v], world.lens.near));
+            let corners = corners.map(|[u, v]| seen(&facets, [x as f64 + u, y as f64 + v], &depths));
             if corners.iter().all(|c| *c == corners[0]) && i % 16 > 0 {
                 continue;
             }
@@ -208,7 +229,7 @@ fn areas_are_those_of_4096_exact_samples() {
                 .map(|k| {
                     let u = (k as f64 + 0.5) / f64::from(n);
                     let v = ((k * g % n) as f64 + 0.5) / f64::from(n);
-                    light(seen(&facets, [x as f64 + u, y as f64 + v], world.lens.near))
+                    light(seen(&facets, [x as f64 + u, y as f64 + v], &depths))
                 })
                 .sum::<f64>()
                 / f64::from(n);
@@ -260,7 +281,7 @@ fn still_pixels_never_fire_while_others_do() {
     let frame = world.frame(0.0).unwrap();
     // The nearest of those in view.
     let (mover, _) = (0..world.surfaces.len())
-        .map(|s| (s, frame.screen_from_world.transform_point3(world.vertices(s as u32, &frame)[0].0)))
+        .map(|s| (s, frame.screen_from_world.point(world.vertices(s as u32, &frame)[0].0)))
         .filter(|(_, h)| h.z > 0.5 && (0.2..0.8).contains(&(h.x / h.z / SIZE[0] as f64)))
         .min_by(|a, b| a.1.z.total_cmp(&b.1.z))
         .unwrap();
@@ -276,7 +297,7 @@ fn still_pixels_never_fire_while_others_do() {
         let boxes = [0.0, 100_000.0].map(|t| {
             let frame = world.frame(t).unwrap();
             world.vertices(mover as u32, &frame).into_iter().map(move |(p, _)| {
-                let h = frame.screen_from_world.transform_point3(p);
+                let h = frame.screen_from_world.point(p);
                 [h.x / h.z, h.y / h.z, h.x / h.z, h.y / h.z]
             })
         });

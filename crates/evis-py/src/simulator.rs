@@ -317,8 +317,9 @@ fn environment_lens(
 ) -> Result<EnvironmentLens, Failure> {
     let lens = match values[..] {
         [fov_y] => Lens::FieldOfView { fov_y },
+        [height, far] => Lens::Orthographic { height, far },
         [fx, fy, cx, cy] => Lens::Intrinsics { fx, fy, cx, cy },
-        _ => return Err(Failure::Engine(format!("a lens has {} numbers; 1 or 4", values.len()))),
+        _ => return Err(Failure::Engine(format!("a lens has {} numbers; 1, 2 or 4", values.len()))),
     };
     Ok(EnvironmentLens { environment, camera, lens })
 }

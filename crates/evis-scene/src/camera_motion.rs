@@ -9,7 +9,7 @@ use std::str::FromStr;
 use std::sync::Arc;
 
 use evis_limits::nearest;
-use glam::{DMat4, DVec2, DVec3};
+use glam::{DMat4, DVec3};
 
 use crate::builder::still;
 use crate::error::SceneError;
@@ -321,9 +321,8 @@ impl Scene {
         match motion {
             CameraMotion::Orbit => {
                 // The model's centre; for a camera that does not look there, what it looks at.
-                let seen = |c: &DVec3| {
-                    lens.project(pose.inverse().transform_point3(*c)).is_some_and(|p| lens.shows(p))
-                };
+                let seen =
+                    |c: &DVec3| lens.sees(pose.inverse().transform_point3(*c)).is_some_and(|p| lens.shows(p));
                 let pivot =
                     center.filter(seen).unwrap_or_else(|| pose.transform_point3(DVec3::NEG_Z * depth));
                 let base = DMat4::from_translation(pivot);
@@ -504,9 +503,9 @@ const SHAKE_HZ: [[f64; 2]; 3] = [[1.1, 1.7], [1.9, 2.7], [2.9, 3.9]];
 /// Turns and shifts by at most `amplitude_px` along each axis at the centre of the picture, for surfaces at `depth`, and half as
 /// much more in its corners, by turning about the view axis and moving along it.
 fn shake(lens: &PixelLens, amplitude_px: f64, depth: f64) -> Path {
-    let focal = DVec2::from(lens.focal).max_element();
+    let per_metre = lens.pixels_per_metre(depth).max_element();
     let half_diagonal = 0.5 * lens.size().length();
-    let [turn, shift] = [0.5 * amplitude_px / focal, 0.5 * amplitude_px * depth / focal];
+    let [turn, shift] = [depth, 1.0].map(|arm| 0.5 * amplitude_px / (per_metre * arm));
     let [roll, advance] = [0.25 * amplitude_px / half_diagonal, 0.25 * amplitude_px * depth / half_diagonal];
     let axes: [(DVec3, DVec3); 6] = [
         (DVec3::X * shift, DVec3::ZERO),
@@ -562,7 +561,7 @@ fn usable(speed: Option<f64>, what: &str) -> Result<f64, SceneError> {
 /// Mean depth of the points that show in the central half of the picture, else of all; `None` where there is none.
 fn mean_depth(lens: &PixelLens, points: &[DVec3]) -> Option<f64> {
     let central: Vec<&DVec3> =
-        points.iter().filter(|p| lens.project(**p).is_some_and(|at| lens.is_central(at))).collect();
+        points.iter().filter(|p| lens.sees(**p).is_some_and(|at| lens.is_central(at))).collect();
     let all: Vec<&DVec3> = if central.is_empty() { points.iter().collect() } else { central };
     (!all.is_empty()).then(|| all.iter().map(|p| -p.z).sum::<f64>() / all.len() as f64)
 }

@@ -1,8 +1,8 @@
-//! Focal lengths and centres of cameras, before distortion.
+//! Lenses of cameras, before distortion.
 
 use crate::error::SceneError;
 
-/// How a camera maps directions to pixels.
+/// How a camera maps space to pixels.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Lens {
     /// Vertical field of view in radians; square pixels, centred.
@@ -20,6 +20,13 @@ pub enum Lens {
         cx: f64,
         /// Principal point from the top edge.
         cy: f64,
+    },
+    /// An orthographic camera: parallel rays, square pixels, centred.
+    Orthographic {
+        /// What the picture shows from its lower to its upper edge, in metres.
+        height: f64,
+        /// Far plane: the planar distance in metres beyond which nothing is seen.
+        far: f64,
     },
 }
 
@@ -39,6 +46,14 @@ impl Lens {
                         // As it was written, though it was kept in radians.
                         (degrees * 1.0e9).round() / 1.0e9
                     ));
+                }
+            }
+            Self::Orthographic { height, far } => {
+                if !(height.is_finite() && height > 0.0) {
+                    return rule(format!("orthographic_height is {height}; it takes metres above 0"));
+                }
+                if !(far.is_finite() && far > 0.0) {
+                    return rule(format!("far is {far}; it takes metres above 0, beyond the near plane"));
                 }
             }
             Self::Intrinsics { fx, fy, cx, cy } => {

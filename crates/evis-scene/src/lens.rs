@@ -258,19 +258,27 @@ impl Camera {
     }
 
     /// The lens, without a distortion that it may have, in a picture of `width` by `height` pixels: intrinsics belong to
-    /// the camera's own size, and another size sees the same field.
-    pub fn pinhole(&self, (width, height): (u32, u32)) -> PinholeLens {
+    /// the camera's own size, and another size sees the same field. `None` for an orthographic camera.
+    pub fn pinhole(&self, size: (u32, u32)) -> Option<PinholeLens> {
+        let [focal, center] = self.focal_and_center(size);
+        let is_central = !matches!(self.lens, Lens::Orthographic { .. });
+        is_central.then_some(PinholeLens { focal, center })
+    }
+
+    /// Focal lengths in pixels, or pixels per metre of an orthographic camera, and principal point.
+    pub(crate) fn focal_and_center(&self, (width, height): (u32, u32)) -> [[f64; 2]; 2] {
         let size = DVec2::new(width.into(), height.into());
-        let (focal, center) = match self.lens {
-            Lens::FieldOfView { fov_y } => (DVec2::splat(0.5 * size.y / (0.5 * fov_y).tan()), 0.5 * size),
+        let [focal, center] = match self.lens {
+            Lens::FieldOfView { fov_y } => [DVec2::splat(0.5 * size.y / (0.5 * fov_y).tan()), 0.5 * size],
+            Lens::Orthographic { height, .. } => [DVec2::splat(size.y / height), 0.5 * size],
             Lens::Intrinsics { fx, fy, cx, cy } => {
                 let own =
                     DVec2::new(self.width.unwrap_or(width).into(), self.height.unwrap_or(height).into());
                 let scale = size / own;
-                (DVec2::new(fx, fy) * scale, DVec2::new(cx, cy) * scale)
+                [DVec2::new(fx, fy) * scale, DVec2::new(cx, cy) * scale]
             }
         };
-        PinholeLens { focal: focal.into(), center: center.into() }
+        [focal.into(), center.into()]
     }
 }
 
@@ -278,7 +286,7 @@ impl Scene {
     /// The lens of camera `camera` (an index) in pixels of a picture of `width` by `height`, as [`Camera::pinhole`] has it.
     ///
     /// # Errors
-    /// As [`CalibratedLens::new`]; a camera that does not exist.
+    /// As [`CalibratedLens::new`]; a camera that does not exist, or is orthographic.
     pub fn calibrated_lens(
         &self,
         camera: usize,
@@ -305,7 +313,12 @@ impl Scene {
                 self.cameras.len()
             )));
         };
-        let PinholeLens { focal, center } = camera.pinhole((width, height));
+        let Some(PinholeLens { focal, center }) = camera.pinhole((width, height)) else {
+            return Err(SceneError::Rule(format!(
+                "camera '{}' is orthographic; it has neither focal lengths nor distortion",
+                camera.name
+            )));
+        };
         CalibratedLens::new(focal, center, self.distortions.get(&camera.name).copied())
             .map_err(|error| SceneError::Rule(format!("camera '{}': {error}", camera.name)))
     }

@@ -150,8 +150,8 @@ impl Scene {
                 .filter_map(|(node, point)| {
                     let [from, to] = [&before, &after].map(|state| state.world_from_node[node]);
                     let now = camera_from_world * rigid_step(&from, &to) * world_from_camera;
-                    let now = lens.project(now.transform_point3(point))?;
-                    Some(lens.project(point)?.distance(now)).filter(|motion| motion.is_finite())
+                    let now = lens.sees(now.transform_point3(point))?;
+                    Some(lens.sees(point)?.distance(now)).filter(|motion| motion.is_finite())
                 })
                 .collect();
             // Single points close to the camera may move by any number of pixels.

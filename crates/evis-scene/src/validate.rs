@@ -218,6 +218,15 @@ impl Scene {
                 {
                     return Err(format!("{label} has focal lengths {fx}, {fy} and centre {cx}, {cy}"));
                 }
+                Lens::Orthographic { height, far }
+                    if !(positive(height) && positive(far) && far > camera.near) =>
+                {
+                    return Err(format!(
+                        "{label} is orthographic, {height} m high and {far} m deep with its near plane at {} m; a height \
+                         above 0 and a far plane beyond the near one work",
+                        camera.near
+                    ));
+                }
                 _ => {}
             }
             if !positive(camera.near) {

@@ -3,9 +3,8 @@
 use glam::{DMat4, DVec2, DVec3};
 
 use crate::framing::deformed;
-use crate::lens::LensModel;
 use crate::model::Scene;
-use crate::pixel_lens::PixelLens;
+use crate::pixel_lens::{PixelLens, PixelRay};
 use crate::pose::SceneState;
 
 /// Rays of the coarse grid along each axis.
@@ -21,14 +20,9 @@ impl PixelLens {
         DVec2::new(self.width.into(), self.height.into())
     }
 
-    /// Where the camera shows a point of its own frame; `None` behind its near plane.
-    pub(crate) fn project(&self, p: DVec3) -> Option<DVec2> {
-        self.pinhole().project(p).filter(|_| -p.z >= self.near)
-    }
-
-    /// Direction, with z = -1, in which the camera sees `pixel`.
-    pub(crate) fn ray(&self, pixel: DVec2) -> DVec3 {
-        self.pinhole().ray(pixel)
+    /// Where the camera shows a point of its own frame; `None` outside of its near and far planes.
+    pub(crate) fn sees(&self, p: DVec3) -> Option<DVec2> {
+        self.project(p).filter(|_| (self.near..=self.far()).contains(&-p.z))
     }
 
     /// Whether `pixel` lies in the picture.
@@ -45,10 +39,10 @@ impl PixelLens {
     pub(crate) fn near_reach(&self) -> f64 {
         let size = self.size();
         let corners = [DVec2::ZERO, size, size.with_y(0.0), size.with_x(0.0)];
-        corners.map(|corner| self.ray(corner).length()).into_iter().fold(0.0, f64::max) * self.near
+        corners.map(|corner| self.ray(corner).at(self.near).length()).into_iter().fold(0.0, f64::max)
     }
 
-    fn grid(&self) -> impl Iterator<Item = (usize, DVec3)> + use<> {
+    fn grid(&self) -> impl Iterator<Item = (usize, PixelRay)> + use<> {
         let (lens, cell) = (*self, self.size() / DVec2::new(COLUMNS as f64, ROWS as f64));
         (0..COLUMNS * ROWS).map(move |i| {
             let at = DVec2::new((i % COLUMNS) as f64 + 0.5, (i / COLUMNS) as f64 + 0.5);
@@ -58,7 +52,7 @@ impl PixelLens {
 
     /// Points at `depth` metres before the camera, all over the picture.
     pub(crate) fn plane(&self, depth: f64) -> Vec<DVec3> {
-        self.grid().map(|(_, ray)| ray * depth).collect()
+        self.grid().map(|(_, ray)| ray.at(depth)).collect()
     }
 }
 
@@ -121,7 +115,7 @@ impl Scene {
         t_s: f64,
     ) -> Vec<(usize, DVec3)> {
         let camera_from_world = world_from_camera.inverse();
-        let rays: Vec<DVec3> = lens.grid().map(|(_, ray)| ray).collect();
+        let rays: Vec<PixelRay> = lens.grid().map(|(_, ray)| ray).collect();
         let mut nearest = vec![(0, f64::INFINITY); rays.len()];
         let per_cell = DVec2::new(COLUMNS as f64, ROWS as f64) / lens.size();
         self.visit_triangles(t_s, |triangle| {
@@ -133,7 +127,9 @@ impl Scene {
             for row in first[1]..last[1] {
                 for column in first[0]..last[0] {
                     let i = row * COLUMNS + column;
-                    let depth = hit(rays[i], &corners, triangle.both).filter(|d| *d >= lens.near);
+                    let PixelRay { origin, direction } = rays[i];
+                    let depth = hit(direction, &corners.map(|corner| corner - origin), triangle.both)
+                        .filter(|d| (lens.near..=lens.far()).contains(d));
                     if let Some(depth) = depth.filter(|depth| *depth < nearest[i].1) {
                         nearest[i] = (triangle.node, depth);
                     }
@@ -143,7 +139,7 @@ impl Scene {
         rays.iter()
             .zip(nearest)
             .filter(|(_, (_, depth))| depth.is_finite())
-            .map(|(ray, (node, depth))| (node, *ray * depth))
+            .map(|(ray, (node, depth))| (node, ray.at(depth)))
             .collect()
     }
 
@@ -164,9 +160,9 @@ impl Scene {
 
 /// First and past-the-last column and row of the coarse grid's rays that may hit the triangle.
 fn cells(lens: &PixelLens, per_cell: DVec2, corners: &[DVec3; 3]) -> [[usize; 2]; 2] {
-    let pixels = corners.map(|p| lens.project(p));
+    let pixels = corners.map(|p| lens.sees(p));
     let [Some(a), Some(b), Some(c)] = pixels else {
-        // It reaches behind the camera: it may show anywhere.
+        // It reaches behind the near plane: it may show anywhere.
         return [[0, 0], [COLUMNS, ROWS]];
     };
     let (low, high) = (a.min(b).min(c) * per_cell, a.max(b).max(c) * per_cell);
@@ -243,7 +239,7 @@ pub(crate) fn image_speed(
         let [before, now, after] =
             [t_s - HALF_STEP_S, t_s, t_s + HALF_STEP_S].map(|t| start_from_camera(t).inverse());
         for point in points {
-            let at = |m: &DMat4| lens.project(m.transform_point3(*point));
+            let at = |m: &DMat4| lens.sees(m.transform_point3(*point));
             let (Some(p0), Some(p), Some(p1)) = (at(&before), at(&now), at(&after)) else { continue };
             let speed = (p1 - p0).length() / (2.0 * HALF_STEP_S);
             if !speed.is_finite() {

@@ -161,6 +161,8 @@ fn a_file_and_builder_calls_give_equal_scenes() {
         materials.m = { color = [0.5, 0.25, 1], roughness = 0.75 }
         lights.spot = { intensity = 2, on = false }
         cameras.eye = { fx = 40, cx = 15 }
+        [[environments]]
+        cameras.eye = { orthographic_height = 3, far = 20 }
     "##;
     let from_file = read(text).unwrap_or_else(|e| panic!("{e}"));
 
@@ -214,6 +216,8 @@ fn a_file_and_builder_calls_give_equal_scenes() {
         let spot = LightFactors { color: [1.0; 3], intensity: 2.0, on: false };
         let lens = Lens::Intrinsics { fx: 40.0, fy: 40.0, cx: 15.0, cy: 12.0 };
         scene.variant(other.with_light(0, spot).with_lens(0, lens))?;
+        let above = Lens::Orthographic { height: 3.0, far: 20.0 };
+        scene.variant(Variant { seed_offset: 2, ..Variant::default() }.with_lens(0, above))?;
         scene.build()
     };
     let from_code = build(0.5).unwrap_or_else(|e| panic!("{e}"));
@@ -302,6 +306,15 @@ fn mistakes_are_named_with_their_place_and_the_remedy() {
         ("[[cameras]]\nname = 'c'\nsize = [0, 4]".into(), vec!["size is [0, 4]", "8192"]),
         ("[[cameras]]\nname = 'c'\nfx = 100".into(), vec!["'cx' is missing"]),
         ("[[cameras]]\nname = 'c'\nsize = [8, 8]\nfx = 100\nfov_y_degrees = 60".into(), vec!["fov_y_degrees and fx exclude"]),
+        ("[[cameras]]\nname = 'c'\nfov_y_degrees = 9\northographic_height = 1\nfar = 9".into(), vec!["fov_y_degrees and orthographic_height exclude"]),
+        ("[[cameras]]\nname = 'c'\northographic_height = 1".into(), vec!["'far' is missing"]),
+        ("[[cameras]]\nname = 'c'\nfov_y_degrees = 9\nfar = 9".into(), vec!["far is given without orthographic_height"]),
+        ("[[cameras]]\nname = 'c'\northographic_height = -1\nfar = 9".into(), vec!["orthographic_height is -1", "metres"]),
+        ("[[cameras]]\nname = 'c'\northographic_height = 1\nfar = 0.01".into(), vec!["far is 0.01 and near 0.05"]),
+        (
+            "[[cameras]]\nname = 'c'\northographic_height = 1\nfar = 9\ndistortion = { model = 'fisheye' }".into(),
+            vec!["distortion is given without focal lengths"],
+        ),
         ("[[cameras]]\nname = 'c'\n[[cameras]]\nname = 'c'".into(), vec!["two cameras are named 'c'"]),
         ("[[lights]]\nname = 'l'\nkind = 'point'\nintensity = -3".into(), vec!["[[lights]] 'l': intensity is -3", "candela"]),
         ("[[lights]]\nname = 'l'\nkind = 'point'\nintensity = 1\ncasts_shadow = true".into(), vec!["point light"]),

@@ -233,6 +233,8 @@ fn every_broken_rule_is_named() {
         ),
         (|s| s.cameras[0].node = 8, "camera 'eye' refers to node 8"),
         (|s| s.cameras[0].lens = Lens::FieldOfView { fov_y: 3.2 }, "field of view of 3.2"),
+        (|s| s.cameras[0].lens = Lens::Orthographic { height: 0.0, far: 9.0 }, "0 m high"),
+        (|s| s.cameras[0].lens = Lens::Orthographic { height: 1.0, far: 0.001 }, "0.001 m deep"),
         (|s| s.cameras[0].lens = Lens::Intrinsics { fx: 0.0, fy: 1.0, cx: 0.0, cy: 0.0 }, "focal"),
         (|s| s.cameras[0].near = 0.0, "near"),
         (|s| s.cameras[0].width = Some(0), "0 pixels"),

@@ -165,6 +165,10 @@ fn check_host(scene: &Scene, settings: &TruthSettings) -> Result<(), SceneError>
 }
 
 fn camera_info(scene: &Scene, name: &str, lens: &PixelLens) -> CameraInfo {
+    if lens.is_parallel() {
+        // It has no intrinsics.
+        return CameraInfo::uncalibrated(name, (lens.width, lens.height));
+    }
     let distortion = scene.distortions.get(name).map(|own| (own.name(), own.coefficients()));
     CameraInfo::new(name, (lens.width, lens.height), lens.focal, lens.center, distortion)
 }

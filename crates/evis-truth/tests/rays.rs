@@ -6,7 +6,7 @@ use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
 
 use evis_scene::environment::Environment;
 use evis_scene::{
-    AlphaMode, Image, Light, LightKind, Material, Mesh, MorphTarget, Node, PixelLens, Primitive, Scene,
+    AlphaMode, Image, Light, LightKind, Material, Mesh, MorphTarget, Node, PixelLens, Primitive, Rays, Scene,
     SceneState, ShadingModel, Skin, Texture, TextureRef, Wrap,
 };
 use evis_truth::rays::Textures;
@@ -59,7 +59,14 @@ fn still(scene: &Scene) -> SceneState {
 fn camera() -> Pinhole {
     Pinhole {
         world_from_camera: DMat4::from_translation(DVec3::new(0.0, 0.0, 2.0)),
-        lens: PixelLens { focal: [100.0, 100.0], center: [16.0, 12.0], width: 32, height: 24, near: 0.01 },
+        lens: PixelLens {
+            focal: [100.0, 100.0],
+            center: [16.0, 12.0],
+            width: 32,
+            height: 24,
+            near: 0.01,
+            rays: Rays::Central,
+        },
     }
 }
 

@@ -28,15 +28,15 @@ impl<'a> Eye<'a> {
         let mut state = SceneState::default();
         scene.evaluate(t_us * 1e-6, &mut state);
         let pose = scene.world_from_camera(index, &state);
-        let (Some(world_from_camera), Some(near)) = (pose, scene.cameras.get(index).map(|c| c.near)) else {
+        let (Some(world_from_camera), Some(own)) = (pose, scene.cameras.get(index)) else {
             return Err(ChartError::Truth(format!("camera '{}' has no usable pose", camera.name)));
         };
-        let lens = PixelLens {
-            focal: [camera.fx, camera.fy],
-            center: [camera.cx, camera.cy],
-            width: camera.width,
-            height: camera.height,
-            near,
+        let own = PixelLens::new(own, Some((camera.width, camera.height)));
+        let lens = if own.is_parallel() {
+            // Recordings have no intrinsics of it.
+            own
+        } else {
+            PixelLens { focal: [camera.fx, camera.fy], center: [camera.cx, camera.cy], ..own }
         };
         let pinhole = Pinhole { world_from_camera, lens };
         Ok(Self { caster: RayCaster::new(scene, &state, textures, OPTIONS), pinhole })

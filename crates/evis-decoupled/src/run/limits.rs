@@ -60,8 +60,14 @@ pub fn crowded(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result
         let image: Vec<DVec3> = world
             .vertices(index as u32, &frame)
             .iter()
-            .map(|(place, _)| frame.screen_from_world.transform_point3(*place))
-            .map(|h| if h.z > world.lens.near { DVec3::new(h.x / h.z, h.y / h.z, 1.0) } else { DVec3::NAN })
+            .map(|(place, _)| frame.screen_from_world.point(*place))
+            .map(|h| {
+                if h.z > frame.depths.near && h.z < frame.depths.far {
+                    DVec3::new(h.x / h.z, h.y / h.z, 1.0)
+                } else {
+                    DVec3::NAN
+                }
+            })
             .collect();
         for triangle in world.primitive(index as u32).indices.as_chunks::<3>().0 {
             let [Some(a), Some(b), Some(c)] = triangle.map(|v| image.get(v as usize)) else { continue };

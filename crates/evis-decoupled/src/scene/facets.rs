@@ -155,3 +155,8 @@ fn one_polygon(primitive: &Primitive, corners: [u32; 4]) -> bool {
         .all(|t| (0..4).all(|k| affine(index.map(|i| t.get(i).map_or(0.0, |v| f64::from(v[k]))))));
     convex && normals && uvs && colors && tangents
 }
+
+/// The eight corners of a box.
+pub fn corners(low: DVec3, high: DVec3) -> [DVec3; 8] {
+    std::array::from_fn(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low))
+}

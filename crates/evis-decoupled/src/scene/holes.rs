@@ -128,9 +128,14 @@ struct Moment {
 
 struct Viewpoint {
     eye: DVec3,
-    /// Pixels per metre at a metre's distance.
-    focal: f64,
-    near: f64,
+    lens: PixelLens,
+}
+
+impl Viewpoint {
+    /// The most pixels that a metre has, `distance` away.
+    fn pixels_per_metre(&self, distance: f64) -> f64 {
+        self.lens.pixels_per_metre(distance.max(self.lens.near)).max_element()
+    }
 }
 
 impl Viewpoints {
@@ -145,9 +150,8 @@ impl Viewpoints {
                 scene.evaluate_variant(variant, end_s * f64::from(k) / f64::from(TIMES - 1), &mut state);
                 let cameras = (0..scene.cameras.len()).filter_map(|index| {
                     let camera = scene.camera_in(variant, index, f64::INFINITY)?;
-                    let PixelLens { focal, near, .. } = PixelLens::new(&camera, size);
                     let eye = state.world_from_node.get(camera.node)?.w_axis.truncate();
-                    Some(Viewpoint { eye, focal: focal[0].max(focal[1]), near })
+                    Some(Viewpoint { eye, lens: PixelLens::new(&camera, size) })
                 });
                 let cameras = cameras.collect();
                 moments.push(Moment { state, cameras });
@@ -171,17 +175,18 @@ impl Viewpoints {
                     .filter_map(|v| deformed(primitive, v, &DMat4::IDENTITY, &[], &joints));
                 let [posed_low, posed_high] = bounding_box(posed);
                 let scale = (posed_high - posed_low).length() / (high - low).length().max(1e-12);
-                for Viewpoint { eye, focal, near } in cameras {
-                    most = most.max(scale * focal / distance(*eye, posed_low, posed_high).max(*near));
+                for camera in cameras {
+                    let distance = distance(camera.eye, posed_low, posed_high);
+                    most = most.max(scale * camera.pixels_per_metre(distance));
                 }
             }
             let rigid = nodes().filter(|(_, node)| node.skin.is_none() || skins.is_empty());
             for pose in rigid.filter_map(|(index, _)| state.world_from_node.get(index)) {
                 let scale = pose.determinant().abs().cbrt();
                 let inverse = pose.inverse();
-                for Viewpoint { eye, focal, near } in cameras {
-                    let distance = scale * distance(inverse.transform_point3(*eye), low, high);
-                    most = most.max(scale * focal / distance.max(*near));
+                for camera in cameras {
+                    let distance = scale * distance(inverse.transform_point3(camera.eye), low, high);
+                    most = most.max(scale * camera.pixels_per_metre(distance));
                 }
             }
         }

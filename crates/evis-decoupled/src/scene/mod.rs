@@ -3,5 +3,6 @@
 pub(crate) mod contour;
 pub mod facets;
 pub mod holes;
+pub mod screen;
 pub mod tiles;
 pub mod world;

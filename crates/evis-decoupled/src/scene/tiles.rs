@@ -177,10 +177,10 @@ impl TileView {
         self.inverse * DVec3::new(x, y, 1.0)
     }
 
-    /// What lies at the planar depth `near` has this for the reciprocal of its depth along the tile's own axis: the value at
-    /// (x, y) from the tile's centre is the product with (x, y, 1).
-    pub fn near(&self, near: f64) -> DVec3 {
-        self.inverse.row(2) / near
+    /// What lies at `depth` has this for the reciprocal of its depth along the tile's own axis: the value at (x, y) from the
+    /// tile's centre is the product with (x, y, 1).
+    pub fn inverse_of(&self, depth: f64) -> DVec3 {
+        self.inverse.row(2) / depth
     }
 
     /// A line of the picture without distortion as a line about the tile's centre.
@@ -439,7 +439,7 @@ mod tests {
         assert_eq!(tile.point(21.0, 13.0, 1.0), DVec3::new(1.0, 1.0, 1.0));
         assert_eq!(tile.image_point([1.0, 1.0]), DVec3::new(21.0, 13.0, 1.0));
         assert_eq!(tile.in_units_of(8.0).point(42.0, 26.0, 2.0), DVec3::new(0.25, 0.25, 2.0));
-        assert_eq!(tile.near(0.5), DVec3::new(0.0, 0.0, 2.0));
+        assert_eq!(tile.inverse_of(0.5), DVec3::new(0.0, 0.0, 2.0));
     }
 
     #[test]

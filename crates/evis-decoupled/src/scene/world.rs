@@ -5,13 +5,14 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use evis_scene::motion::Path;
-use evis_scene::{Motion, PixelLens, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
+use evis_scene::{Motion, PixelLens, Primitive, Rays, Scene, SceneState, Variant, rigid_or_unrotated};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
 use crate::hash::Words;
-use crate::scene::facets::{CORNERS, Facet, bounding_box, facets, neighbors, places, wide};
+use crate::scene::facets::{CORNERS, Facet, bounding_box, corners, facets, neighbors, places, wide};
 use crate::scene::holes::Holes;
+use crate::scene::screen::{Depths, Eye, Screen};
 use crate::scene::tiles::{LensTiles, TileView};
 
 /// Facets that are culled together.
@@ -55,6 +56,9 @@ pub struct Cluster {
     pub bounds: [DVec3; 2],
 }
 
+/// How many times as far as everything is at first the depth lies that [`Screen`] takes for one beyond everything.
+const BEYOND: f64 = 8.0;
+
 /// A scene as one camera sees it.
 pub struct World<'a> {
     /// The scene.
@@ -65,6 +69,8 @@ pub struct World<'a> {
     pub camera: usize,
     /// Its pixels, without distortion; focal lengths and centre are those of [`Frame::lens`].
     pub lens: PixelLens,
+    /// How far from the camera everything is at the scene's start, at most, in metres.
+    farthest: f64,
     /// Where tiles lie on the picture of that, where its lens is distorted.
     pub tiles: Option<Arc<LensTiles>>,
     /// As it was asked for.
@@ -88,10 +94,12 @@ pub struct World<'a> {
 pub struct Frame {
     /// Poses, weights and factors.
     pub state: SceneState,
-    /// Maps a world point to (x z, y z, z): its image point (x, y) in pixels, and its planar depth z.
-    pub screen_from_world: DMat4,
-    /// The camera's world position.
-    pub eye: DVec3,
+    /// From the world to the space of homogeneous image points.
+    pub screen_from_world: Screen,
+    /// Depths of image points between which something is seen.
+    pub depths: Depths,
+    /// From where the camera looks.
+    pub eye: Eye,
     /// The camera's lens.
     pub lens: PixelLens,
 }
@@ -129,6 +137,7 @@ impl<'a> World<'a> {
             variant,
             camera,
             lens,
+            farthest: 0.0,
             tiles,
             size,
             holes: Arc::clone(holes),
@@ -146,8 +155,27 @@ impl<'a> World<'a> {
                 world.add(index, mesh_index, number, holes.primitive(scene, mesh_index, number));
             }
         }
-        world.frame(0.0)?;
+        world.farthest = world.farthest(&world.frame(0.0)?);
         Ok(world)
+    }
+
+    /// Distance of the farthest corner of a surface's box from the camera.
+    fn farthest(&self, frame: &Frame) -> f64 {
+        let node = self.scene.cameras[self.camera].node;
+        let camera = frame.world_from_node(node).w_axis.truncate();
+        let mut most = 0.0_f64;
+        for (index, surface) in self.surfaces.iter().enumerate() {
+            let far = |point: DVec3| point.distance(camera);
+            let own = if surface.deforms {
+                self.vertices(index as u32, frame).iter().map(|(place, _)| far(*place)).fold(0.0, f64::max)
+            } else {
+                let pose = frame.world_from_node(surface.node);
+                let [low, high] = surface.bounds;
+                corners(low, high).map(|p| far(pose.transform_point3(p))).into_iter().fold(0.0, f64::max)
+            };
+            most = most.max(own);
+        }
+        most
     }
 
     fn add(&mut self, node: usize, mesh: usize, index: usize, primitive: &Primitive) {
@@ -213,14 +241,16 @@ impl<'a> World<'a> {
             return Err(Error::Camera(format!("camera '{name}' has no pose at {t_us} us")));
         };
         let lens = self.scene.pixel_lens(self.variant, self.camera, self.size, t_us)?;
-        let [fx, fy] = lens.focal;
-        let [cx, cy] = lens.center;
-        let screen_from_camera = DMat4::from_cols_array(&[
-            fx, 0.0, 0.0, 0.0, 0.0, -fy, 0.0, 0.0, -cx, -cy, -1.0, 0.0, 0.0, 0.0, 0.0, 1.0,
-        ]);
+        let eye = match lens.rays {
+            Rays::Central => Eye::At(world_from_camera.w_axis.truncate()),
+            Rays::Parallel { .. } => Eye::Along(world_from_camera.transform_vector3(DVec3::NEG_Z)),
+        };
+        // Of a lens without a far plane it is not used.
+        let beyond = BEYOND * self.farthest.max(lens.far());
         Ok(Frame {
-            screen_from_world: screen_from_camera * world_from_camera.inverse(),
-            eye: world_from_camera.w_axis.truncate(),
+            screen_from_world: Screen::from_camera(&lens, beyond).after(&world_from_camera.inverse()),
+            depths: Depths::new(&lens, beyond),
+            eye,
             lens,
             state,
         })

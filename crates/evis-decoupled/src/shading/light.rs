@@ -16,13 +16,14 @@ use std::sync::{Arc, Mutex, OnceLock};
 
 use evis_scene::motion::{WaveShape, Waveform};
 use evis_scene::{Light, LightFactors, Material, MaterialFactors, ShadingModel, TextureRef};
-use glam::{DMat3, DMat4, DVec2, DVec3};
+use glam::{DMat3, DVec2, DVec3};
 
 use crate::Error;
 use crate::hash::Words;
 use crate::image::maps::{Map as TextureMap, Maps};
 use crate::image::texture::{Cells, Textures};
 use crate::scene::facets::{Facet, bounding_box, wide};
+use crate::scene::screen::{Depths, Screen};
 use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
 use crate::scene::world::{Frame, World};
 use crate::shading::material::{self, Around, Lamp, Response, respond};
@@ -43,6 +44,8 @@ const MOST_FINER: u32 = 4;
 const SHARP: f64 = 4.0;
 /// Part of the light by which the middle between nodes may be off.
 const SMOOTH: f64 = 0.0015;
+/// Square of the angle by which a camera with parallel rays turns, in radians, from which on it shows another sky.
+const LEAST_TURN: f64 = 1e-12;
 /// Part by which 1/depth may change over a pixel whose texture is averaged along edges that it shares with others.
 const MOST_PERSPECTIVE: f64 = 0.015;
 /// Where shadows leave such a part of an area, base colour is averaged over what they leave.
@@ -186,7 +189,8 @@ pub struct Lighting<'a> {
     /// Per facet, made when it is first needed in a block.
     occluders: Vec<OnceLock<Box<Occluder>>>,
     /// Screen from world at the start, middle and end of the block, and of moving surfaces from their vertices.
-    screen: [DMat4; 3],
+    screen: [Screen; 3],
+    depths: Depths,
     middle: Vec<Corners>,
     background: f64,
     /// Where light from all around is visible.
@@ -397,7 +401,8 @@ impl<'a> Lighting<'a> {
             facing: vec![[0; 2]; world.facets.len()],
             dark_spaces: Default::default(),
             occluders: Vec::new(),
-            screen: [DMat4::IDENTITY; 3],
+            screen: [Screen::default(); 3],
+            depths: Depths { near: 0.0, far: f64::INFINITY },
             middle: Vec::new(),
             background: material::LUMINANCE.dot(wide(scene.background)),
             sky: None,
@@ -444,8 +449,9 @@ impl<'a> Lighting<'a> {
         self.prepare_shadows(clock, first)?;
         let seen = world.scene.environment.as_ref().is_some_and(|e| e.visible);
         self.sky = seen.then(|| Sky {
-            world_from_screen: self.screen.map(|screen| DMat3::from_mat4(screen).inverse()),
-            focal: world.lens.focal[0],
+            world_from_screen: self.screen.map(|screen| screen.directions()),
+            // Parallel rays see one point of it.
+            focal: if self.screen[0].is_parallel() { f64::INFINITY } else { world.lens.focal[0] },
         });
         // At a jump, what held before the border does not hold after it.
         self.borders = [moments::key(block.start_us, block.jump), moments::key(block.end_us, false)];
@@ -491,6 +497,11 @@ impl<'a> Lighting<'a> {
             let intervals = tile.slots[slot].intervals;
             tile.slots[slot].picture = self.pictures(tile, record, index, intervals);
         }
+    }
+
+    /// Whether a shadow may come into a part of a pixel that sees entry `slot`; asked after [`Lighting::shade_slot`].
+    pub fn is_shadowed(&self, tile: &TileLight, slot: usize, pixel: usize) -> bool {
+        tile.slots[slot].shades.iter().any(|shade| shade.touched >> pixel & 1 == 1)
     }
 
     /// Whether nothing of entry `slot` changes during the block but for where it is seen, and by shadows of what moves; how
@@ -733,7 +744,7 @@ impl<'a> Lighting<'a> {
         let last = first + DVec2::new(columns as f64, rows as f64);
         // Pixels are smallest on the texture where it is nearest.
         let corners = [[first.x, first.y], [last.x, first.y], [first.x, last.y], [last.x, last.y]];
-        let depth = &sight.inverse_depth;
+        let depth = &sight.weight;
         let [nearest, farthest] = [f64::total_cmp, |a: &f64, b: &f64| b.total_cmp(a)].map(|order| {
             corners.into_iter().max_by(|a, b| order(&depth.at(*a), &depth.at(*b))).unwrap_or_default()
         });
@@ -872,9 +883,14 @@ impl<'a> Lighting<'a> {
         let half = 0.5 * TILE as f64;
         let moved = |at: [f64; 2]| -> f64 {
             let directions = [0.0, 0.5, 1.0].map(|u| sky.direction(view.image_point(at), u));
+            if self.screen[0].is_parallel() {
+                // Any turn exchanges what all pixels see.
+                let turns = directions.iter().any(|d| d.distance_squared(directions[0]) > LEAST_TURN);
+                return if turns { f64::from(u16::MAX) } else { 0.0 };
+            }
             // Where the camera of the block's start sees them.
             let places = directions.map(|direction| {
-                let h = self.screen[0].transform_vector3(direction);
+                let h = self.screen[0].direction(direction);
                 view.point(h.x, h.y, h.z)
             });
             // What is seen at its end and lies behind the camera at its start has gone by far.

@@ -7,6 +7,7 @@ use std::sync::OnceLock;
 use evis_scene::ShadingModel;
 use glam::DVec3;
 
+use crate::scene::screen::Eye;
 use crate::scene::world::Frame;
 use crate::shading::material::{self, Lamp, Point};
 use crate::visibility::blocks::Block;
@@ -73,8 +74,8 @@ pub struct FacetAt<'a> {
     pub corners: [(DVec3, DVec3); 3],
     /// World tangents there, and signs of bitangents.
     pub tangents: [(DVec3, f64); 3],
-    /// Where the camera is.
-    pub eye: Option<DVec3>,
+    /// From where the camera looks.
+    pub eye: Option<Eye>,
     /// 1 from its front, -1 from behind.
     pub side: f64,
     /// What is the same everywhere on it.
@@ -89,7 +90,7 @@ impl FacetAt<'_> {
         Point {
             position,
             normal: blend(self.corners.map(|c| c.1)).normalize_or(DVec3::Z) * self.side,
-            to_eye: self.eye.map_or(DVec3::Z, |eye| (eye - position).normalize_or(DVec3::Z)),
+            to_eye: self.eye.map_or(DVec3::Z, |eye| eye.seen_from(position)),
             ..self.all
         }
     }

@@ -8,6 +8,7 @@ use std::collections::HashMap;
 use glam::{DMat3, DVec2};
 
 use crate::hash::Words;
+use crate::scene::screen::Depths;
 use crate::scene::tiles::{TILE, TileView};
 use crate::shading::keyframe::Keyframe;
 use crate::visibility::fragment::Sight;
@@ -104,8 +105,8 @@ pub struct Picture {
 impl Picture {
     /// Of `record`, number `index` of its block, on a picture of which the box `on_screen` (left, top, right, bottom) is seen;
     /// `None` where it is not seen at the middle.
-    pub fn new(record: &Record, index: u32, on_screen: [f64; 4], near: f64) -> Option<Self> {
-        let sight = Sight::new(record, &TileView::about([0.0; 2]), 0.5, near)?;
+    pub fn new(record: &Record, index: u32, on_screen: [f64; 4], depths: &Depths) -> Option<Self> {
+        let sight = Sight::new(record, &TileView::about([0.0; 2]), 0.5, depths)?;
         let image_from_facet = sight.facet_from_image().inverse();
         if !image_from_facet.is_finite() {
             return None;
@@ -116,7 +117,7 @@ impl Picture {
         let mut origin = DVec2::ZERO;
         let mut alone = [false; 2];
         let corners = [0, 1, 2, 3].map(|k| record.point(k, 0.5));
-        if corners.iter().all(|h| h.z >= near) {
+        if corners.iter().all(|h| h.z >= depths.near) {
             let places = corners.map(|h| DVec2::new(h.x, h.y) / h.z);
             let low = places.into_iter().fold(DVec2::INFINITY, DVec2::min) - BEYOND_PX;
             let high = places.into_iter().fold(DVec2::NEG_INFINITY, DVec2::max) + BEYOND_PX;

@@ -367,21 +367,23 @@ impl Shadow {
 #[derive(Clone, Copy, Debug)]
 pub struct ScreenLamp {
     powers: [DVec3; 3],
-    /// 1 for a place, 0 for a direction.
-    weight: f64,
+    /// Of a pinhole 1 for a place, 0 for a direction. In the space of parallel rays directions are places, and weights are what
+    /// the projective map makes of them.
+    weights: [f64; 3],
 }
 
 impl ScreenLamp {
-    /// From homogeneous image points (of directions: the linear part only) at the start, middle and end of a block.
-    pub fn new(h: [DVec3; 3], weight: f64) -> Self {
-        Self { powers: powers(h), weight }
+    /// From homogeneous image points and their weights at the start, middle and end of a block.
+    pub fn new(h: [(DVec3, f64); 3]) -> Self {
+        Self { powers: powers(h.map(|(place, _)| place)), weights: powers(h.map(|(_, weight)| weight)) }
     }
 
     #[inline(always)]
     fn at(&self, view: &TileView, u: f64) -> (DVec3, f64) {
         let [p, q, r] = &self.powers;
         let h = *p + (*q + *r * u) * u;
-        (view.point(h.x, h.y, h.z), self.weight)
+        let [a, b, c] = self.weights;
+        (view.point(h.x, h.y, h.z), a + (b + c * u) * u)
     }
 }
 

@@ -10,7 +10,7 @@ use crate::scene::tiles::{PIXELS, TileView};
 use crate::scene::world::World;
 use crate::shading::light::{Instant, Lighting, Part, TileLight};
 use crate::visibility::blocks::Block;
-use crate::visibility::coverage::{self, Moments, Regions};
+use crate::visibility::coverage::{Moments, Regions};
 use crate::visibility::fragment::{Fragment, Sight};
 use crate::visibility::lists::{Entry, Lists};
 
@@ -89,11 +89,11 @@ pub struct Work {
     slot_count: usize,
     pixel: usize,
     own: Vec<Own>,
+    /// Of the pixel in work, as many as there are in `seen`; room beyond.
     fragments: Vec<Fragment>,
     /// Per fragment, its entry and sight.
     seen: Vec<(usize, u32)>,
     regions: Regions,
-    areas: Vec<Moments>,
     light: TileLight,
     count: u64,
     /// Evaluations that saw one facet only.
@@ -127,7 +127,6 @@ impl Default for Work {
             fragments: Vec::new(),
             seen: Vec::new(),
             regions: Regions::default(),
-            areas: Vec::new(),
             light: TileLight::default(),
             count: 0,
             plain: 0,
@@ -270,7 +269,7 @@ impl Evaluator<'_> {
             return None;
         }
         let v = (at.u - from) / (to - from);
-        work.sights.push(Sight::new(record, &work.view, v, self.world.lens.near)?);
+        work.sights.push(Sight::new(record, &work.view, v, &self.lists.depths)?);
         Some(work.sights.len() as u32 - 1)
     }
 
@@ -370,36 +369,39 @@ impl Evaluator<'_> {
             work.shading_s += timer.map_or(0.0, |t| t.elapsed().as_secs_f64() * TIMED as f64);
             return light;
         }
-        work.fragments.clear();
         work.seen.clear();
         for k in from..to {
             let Own { slot, record: index, covers } = work.own[k];
             if touched.is_some_and(|start| work.touched[start + slot] >> work.pixel & 1 == 0) {
                 continue;
             }
-            if let Some(sight) = self.sight(work, slot, index, &at)
-                && let Some(fragment) = work.sights[sight as usize].at(index, &frame, covers)
-            {
-                work.fragments.push(fragment);
-                work.seen.push((slot, sight));
+            if let Some(sight) = self.sight(work, slot, index, &at) {
+                let number = work.seen.len();
+                if work.fragments.len() == number {
+                    work.fragments.push(Fragment::default());
+                }
+                if work.sights[sight as usize].fill(&mut work.fragments[number], index, &frame, covers) {
+                    work.seen.push((slot, sight));
+                }
             }
         }
-        let whole = matches!(&work.fragments[..], [one] if one.edge_count == 0);
+        let fragments = &work.fragments[..work.seen.len()];
+        let whole = matches!(fragments, [one] if one.edge_count == 0);
         if whole {
             work.plain += 1;
         } else {
-            work.regions.cut(&work.fragments);
-            work.areas.clear();
-            work.areas.resize(work.fragments.len() + 1, Moments::default());
-            for (owner, polygon) in work.regions.regions.iter() {
-                let owner = (owner as usize).min(work.fragments.len());
-                work.areas[owner].add(&coverage::moments(polygon));
-            }
+            let plain = Regions::backdrop(fragments).is_none_or(|k| {
+                let (slot, index) = (work.seen[k].0, fragments[k].record);
+                let record = &self.lists.records[index as usize];
+                self.lighting.shade_slot(&mut work.light, record, index, slot);
+                !self.lighting.is_shadowed(&work.light, slot, work.pixel)
+            });
+            work.regions.find(fragments, &self.world.neighbors, plain);
         }
         let covered = timer.map(|t| (t.elapsed().as_secs_f64(), Timer::now()));
         let mut sum = 0.0;
-        for (k, fragment) in work.fragments.iter().enumerate() {
-            let moments = if whole { &Moments::PIXEL } else { &work.areas[k] };
+        for (k, fragment) in fragments.iter().enumerate() {
+            let moments = if whole { &Moments::PIXEL } else { &work.regions.areas[k] };
             if moments.area > 1e-9 {
                 let (slot, sight) = (work.seen[k].0, &work.sights[work.seen[k].1 as usize]);
                 let regions = (!whole).then_some((&work.regions.regions, k as u32));
@@ -412,7 +414,7 @@ impl Evaluator<'_> {
             }
         }
         if !whole {
-            let rest = &work.areas[work.fragments.len()];
+            let rest = &work.regions.areas[fragments.len()];
             if rest.area > 1e-9 {
                 sum += rest.area * self.lighting.background(&work.view, &frame, rest, at.u);
             }

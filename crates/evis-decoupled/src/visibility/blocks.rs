@@ -8,9 +8,11 @@
 use std::collections::VecDeque;
 
 use evis_scene::{Scene, Variant};
-use glam::{DMat4, DVec3};
+use glam::DVec3;
 
 use crate::Error;
+use crate::scene::facets::corners;
+use crate::scene::screen::Screen;
 use crate::scene::world::{Frame, World};
 
 /// Largest error of a surface's box within a block, in pixels, at the quarters of a span.
@@ -206,7 +208,7 @@ pub struct Span {
 #[derive(Clone, Debug)]
 pub enum Places {
     /// Of a rigid surface: screen from its own space.
-    Rigid(Box<[DMat4; 3]>),
+    Rigid(Box<[Screen; 3]>),
     /// Of a deforming one: per vertex.
     Vertices(Vec<[DVec3; 3]>),
 }
@@ -215,7 +217,7 @@ impl Places {
     /// Image points of vertex `vertex`, at `position` in the surface's own space, at the three times.
     pub fn of(&self, vertex: u32, position: DVec3) -> [DVec3; 3] {
         match self {
-            Self::Rigid(matrices) => matrices.each_ref().map(|m| m.transform_point3(position)),
+            Self::Rigid(screens) => screens.each_ref().map(|screen| screen.point(position)),
             Self::Vertices(vertices) => vertices[vertex as usize],
         }
     }
@@ -284,9 +286,9 @@ impl<'w, 'a> Clock<'w, 'a> {
                 let frame = self.frame(unit)?;
                 let vertices = world.vertices(surface, frame);
                 let screen = frame.screen_from_world;
-                at.push(vertices.into_iter().map(|(p, _)| screen.transform_point3(p)).collect::<Vec<_>>());
+                at.push(vertices.into_iter().map(|(p, _)| screen.point(p)).collect::<Vec<_>>());
             }
-            let near = self.world.lens.near;
+            let near = self.frame(from)?.depths.near;
             let error = (0..at[0].len())
                 .map(|v| [0, 1, 2, 3, 4].map(|k| at[k][v]))
                 .map(|h| left_out(h, near))
@@ -295,14 +297,14 @@ impl<'w, 'a> Clock<'w, 'a> {
         } else {
             let node = s.node;
             let [low, high] = s.bounds;
-            let mut at = [DMat4::IDENTITY; 5];
+            let mut at = [Screen::default(); 5];
             for (slot, unit) in at.iter_mut().zip(units) {
                 let frame = self.frame(unit)?;
-                *slot = frame.screen_from_world * frame.world_from_node(node);
+                *slot = frame.screen_from_world.after(&frame.world_from_node(node));
             }
-            let near = self.world.lens.near;
+            let near = self.frame(from)?.depths.near;
             let error = corners(low, high)
-                .map(|p| left_out(at.map(|m| m.transform_point3(p)), near))
+                .map(|p| left_out(at.map(|screen| screen.point(p)), near))
                 .into_iter()
                 .fold(0.0, f64::max);
             (Places::Rigid(Box::new([at[0], at[2], at[4]])), error)
@@ -316,11 +318,6 @@ impl<'w, 'a> Clock<'w, 'a> {
         out.push(Span { u, places, error_px });
         Ok(())
     }
-}
-
-/// The eight corners of a box.
-pub fn corners(low: DVec3, high: DVec3) -> [DVec3; 8] {
-    std::array::from_fn(|k| DVec3::select(glam::BVec3::new(k & 1 > 0, k & 2 > 0, k & 4 > 0), high, low))
 }
 
 /// How far, in pixels, the quadratic through `h` at 0, 1/2 and 1 is from `h` at 1/4 and 3/4.
@@ -432,8 +429,8 @@ mod tests {
                     let vertices = world.vertices(surface, &frame);
                     let primitive = world.primitive(surface);
                     for (i, (p, _)) in vertices.iter().enumerate().step_by(7) {
-                        let h = frame.screen_from_world.transform_point3(*p);
-                        if h.z < world.lens.near {
+                        let h = frame.screen_from_world.point(*p);
+                        if h.z < frame.depths.near {
                             continue;
                         }
                         let [a, b, c] =
@@ -470,9 +467,8 @@ mod tests {
         let world = World::new(&scene, 0, Some((320, 240))).unwrap();
         let frames = [0.0, 0.25, 0.5, 0.75, 1.0].map(|u| world.frame(40_960.0 + 8192.0 * u).unwrap());
         let node = world.surfaces[1].node;
-        let h = frames.map(|f| {
-            (f.screen_from_world * f.world_from_node(node)).transform_point3(world.surfaces[1].bounds[0])
-        });
+        let h = frames
+            .map(|f| f.screen_from_world.after(&f.world_from_node(node)).point(world.surfaces[1].bounds[0]));
         assert!(left_out(h, 0.01) > BOUND_PX);
     }
 }

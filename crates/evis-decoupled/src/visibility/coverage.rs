@@ -1,9 +1,11 @@
 //! What each fragment covers of a pixel at a time.
 //!
 //! Among few fragments the pixel's square is cut into convex regions, of exact area; among many, [`crate::visibility::mask`] first
-//! decides which are seen.
+//! decides which are seen. Where neighbours on a surface go on across all their edges in the pixel they cover it, each facet of it
+//! once, and need not be cut by each other.
 
-use crate::visibility::fragment::{Fragment, Line};
+use crate::scene::facets::{ALONE, CORNERS};
+use crate::visibility::fragment::{Fragment, Line, PLANE};
 use crate::visibility::mask;
 
 /// Most corners of a region.
@@ -229,6 +231,17 @@ impl Moments {
         }
     }
 
+    /// What is left of this without a part of it.
+    pub fn take(&mut self, part: &Self) {
+        self.area -= part.area;
+        for k in 0..2 {
+            self.first[k] -= part.first[k];
+        }
+        for k in 0..3 {
+            self.second[k] -= part.second[k];
+        }
+    }
+
     /// Centroid, and second moments xx, xy and yy about it over the area.
     #[inline(always)]
     pub fn central(&self) -> ([f64; 2], [f64; 3]) {
@@ -251,6 +264,77 @@ impl Moments {
     }
 }
 
+/// Most corners of the part of a pixel that a facet and the planes of the camera leave.
+const MOST_OUTLINE: usize = 12;
+/// An edge of a pixel's square.
+const BORDER: u8 = u8::MAX;
+/// Square of the length of an edge that is none.
+const NO_EDGE: f64 = 1e-20;
+/// What areas of facets that tile a pixel may sum up to beside 1.
+const ROUNDING: f64 = 1e-9;
+
+/// The part of a pixel that a facet covers, with the names of its edges.
+#[derive(Default)]
+struct Outline {
+    corners: [[f64; 2]; MOST_OUTLINE],
+    /// Of the edge from a corner to the next one.
+    names: [u8; MOST_OUTLINE],
+    count: usize,
+}
+
+impl Outline {
+    fn corners(&self) -> &Corners {
+        &self.corners[..self.count]
+    }
+
+    /// `room` is overwritten.
+    #[inline(always)]
+    fn become_that_of(&mut self, fragment: &Fragment, room: &mut Self) {
+        self.corners[..PIXEL.len()].copy_from_slice(&PIXEL);
+        self.names[..PIXEL.len()].fill(BORDER);
+        self.count = PIXEL.len();
+        for (line, name) in fragment.crossing().iter().zip(fragment.names) {
+            let values = |outline: &Self, k: usize| line.at(outline.corners[k]);
+            if (0..self.count).all(|k| values(self, k) >= 0.0) {
+                continue;
+            }
+            room.count = 0;
+            let mut value = if self.count > 0 { values(self, 0) } else { 0.0 };
+            for k in 0..self.count {
+                let next = (k + 1) % self.count;
+                let (a, b, after) = (self.corners[k], self.corners[next], values(self, next));
+                if value >= 0.0 {
+                    room.push(a, self.names[k]);
+                }
+                if (value >= 0.0) != (after >= 0.0) {
+                    let w = value / (value - after);
+                    let p = [a[0] + w * (b[0] - a[0]), a[1] + w * (b[1] - a[1])];
+                    room.push(p, if value >= 0.0 { name } else { self.names[k] });
+                }
+                value = after;
+            }
+            std::mem::swap(self, room);
+        }
+    }
+
+    #[inline(always)]
+    fn push(&mut self, corner: [f64; 2], name: u8) {
+        self.corners[self.count] = corner;
+        self.names[self.count] = name;
+        self.count += 1;
+    }
+
+    /// Names of its edges but for those of the pixel.
+    #[inline(always)]
+    fn inner(&self) -> impl Iterator<Item = u8> {
+        (0..self.count).filter_map(|k| {
+            let ([x, y], [u, v]) = (self.corners[k], self.corners[(k + 1) % self.count]);
+            let is_edge = (u - x) * (u - x) + (v - y) * (v - y) > NO_EDGE;
+            (self.names[k] != BORDER && is_edge).then_some(self.names[k])
+        })
+    }
+}
+
 /// Fragments above which masks first decide which are seen.
 pub const FEW: usize = 24;
 /// Owner of what no fragment covers.
@@ -261,6 +345,9 @@ pub const NOBODY: u32 = u32::MAX;
 pub struct Regions {
     /// Convex regions, which tile the pixel; their owners are the fragments' numbers, or [`NOBODY`].
     pub regions: Polygons,
+    /// Moments of what each fragment covers, and of what none does.
+    pub areas: Vec<Moments>,
+    outlines: [Outline; 2],
     order: Vec<usize>,
     before: Polygons,
     uncovered: Polygons,
@@ -269,8 +356,122 @@ pub struct Regions {
 }
 
 impl Regions {
+    /// Finds what each of `fragments` covers of the pixel, which is evaluated at their number and at [`Regions::areas`].
+    ///
+    /// `neighbors` are those of [`crate::scene::world::World`]; `plain` says that of a fragment that fills the pixel behind all
+    /// others the moments suffice, so that there need not be regions of it.
+    pub fn find(&mut self, fragments: &[Fragment], neighbors: &[[u32; CORNERS]], plain: bool) {
+        let backdrop = Self::backdrop(fragments);
+        let known = self.sheet(fragments, neighbors)
+            || (plain || backdrop.is_none()) && self.side_by_side(fragments, backdrop);
+        if !known {
+            self.cut(fragments);
+        }
+        self.areas.clear();
+        self.areas.resize(fragments.len() + 1, Moments::default());
+        let mut rest = Moments::PIXEL;
+        for (owner, polygon) in self.regions.iter() {
+            let own = moments(polygon);
+            rest.take(&own);
+            self.areas[(owner as usize).min(fragments.len())].add(&own);
+        }
+        if known {
+            self.areas[backdrop.unwrap_or(fragments.len())].add(&rest);
+        }
+    }
+
+    /// The nearest of the fragments that fill the pixel.
+    pub fn backdrop(fragments: &[Fragment]) -> Option<usize> {
+        let fills = (0..fragments.len()).filter(|k| fragments[*k].edge_count == 0);
+        fills.max_by(|a, b| {
+            let (a, b) = (&fragments[*a], &fragments[*b]);
+            a.inverse_depth.c.total_cmp(&b.inverse_depth.c).then(b.facet.cmp(&a.facet))
+        })
+    }
+
+    /// As [`Regions::cut`], where all that is seen are neighbours that go on across all their edges; else returns false.
+    ///
+    /// From the facet that is seen at the pixel's centre on, every edge in the pixel leads to the neighbour beyond it. All of them
+    /// show the same side, so they cover the pixel once, and what is not among them must lie behind all of them.
+    fn sheet(&mut self, fragments: &[Fragment], neighbors: &[[u32; CORNERS]]) -> bool {
+        if !(2..=FEW).contains(&fragments.len()) {
+            return false;
+        }
+        let at_centre = |f: &&Fragment| f.crossing().iter().all(|edge| edge.c >= 0.0);
+        let nearest = fragments
+            .iter()
+            .filter(at_centre)
+            .max_by(|a, b| a.inverse_depth.c.total_cmp(&b.inverse_depth.c).then(b.facet.cmp(&a.facet)));
+        let Some(nearest) = nearest.filter(|f| f.edge_count > 0) else { return false };
+        let number = |facet: u32| fragments.iter().position(|f| f.facet == facet);
+        self.regions.clear();
+        let [outline, room] = &mut self.outlines;
+        let (mut known, mut waiting) = (0_u32, number(nearest.facet).map_or(0, |first| 1_u32 << first));
+        let mut area = 0.0;
+        while waiting != 0 {
+            let own = waiting.trailing_zeros();
+            let fragment = &fragments[own as usize];
+            known |= 1 << own;
+            waiting &= waiting - 1;
+            outline.become_that_of(fragment, room);
+            for name in outline.inner() {
+                let beyond =
+                    if name == PLANE { ALONE } else { neighbors[fragment.facet as usize][name as usize] };
+                let Some(other) = (beyond != ALONE).then(|| number(beyond)).flatten() else { return false };
+                waiting |= 1 << other & !known;
+            }
+            area += moments(outline.corners()).area;
+            self.regions.push(own, outline.corners());
+        }
+        if (area - 1.0).abs() > ROUNDING {
+            return false;
+        }
+        (0..).zip(fragments).all(|(other, behind)| {
+            let mut own = (0..).zip(fragments).filter(|(own, _)| known >> own & 1 == 1);
+            known >> other & 1 == 1 || own.all(|(_, f)| f.before(behind).1 == 1) || {
+                outline.become_that_of(behind, room);
+                outline.count < 3
+            }
+        })
+    }
+
+    /// As [`Regions::cut`], where what is seen before `backdrop`, or before nothing, lies side by side; else returns false. There
+    /// are no regions of the backdrop.
+    fn side_by_side(&mut self, fragments: &[Fragment], backdrop: Option<usize>) -> bool {
+        if fragments.len() > FEW {
+            return false;
+        }
+        self.regions.clear();
+        self.order.clear();
+        let [outline, room] = &mut self.outlines;
+        for (k, fragment) in fragments.iter().enumerate().filter(|(k, _)| Some(*k) != backdrop) {
+            let side = backdrop.map_or(1, |backdrop| fragment.before(&fragments[backdrop]).1);
+            if side == -1 {
+                continue;
+            }
+            outline.become_that_of(fragment, room);
+            if outline.count < 3 {
+                continue;
+            }
+            let is_beside = |(number, (_, other)): (usize, (u32, &Corners))| {
+                let apart = |line: &Line, corners: &Corners| {
+                    let touching = ROUNDING * (line.a.abs() + line.b.abs());
+                    corners.iter().all(|corner| line.at(*corner) <= touching)
+                };
+                fragment.crossing().iter().any(|line| apart(line, other))
+                    || fragments[self.order[number]].crossing().iter().any(|l| apart(l, outline.corners()))
+            };
+            if side == 0 || !self.regions.iter().enumerate().all(is_beside) {
+                return false;
+            }
+            self.order.push(k);
+            self.regions.push(k as u32, outline.corners());
+        }
+        true
+    }
+
     /// Cuts the pixel into what each of `fragments` covers.
-    pub fn cut(&mut self, fragments: &[Fragment]) {
+    fn cut(&mut self, fragments: &[Fragment]) {
         self.order.clear();
         if fragments.len() > FEW {
             let seen = mask::seen(fragments);
@@ -322,5 +523,125 @@ impl Regions {
             self.regions.push(own, inside);
         }
         std::mem::swap(&mut self.uncovered, &mut self.rest);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evis_scene::primitive::Shape;
+    use evis_scene::{Camera, Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel};
+    use glam::{DMat4, DQuat, DVec3};
+
+    use super::*;
+    use crate::scene::tiles::PIXELS;
+    use crate::scene::world::World;
+    use crate::visibility::blocks::{Block, Clock};
+    use crate::visibility::fragment::Sight;
+    use crate::visibility::lists::Lists;
+
+    /// Around the y axis, with the radii of its ring and of its tube.
+    fn torus([ring, tube]: [f64; 2], [around, across]: [u32; 2]) -> Primitive {
+        let mut made = Primitive::default();
+        for (i, j) in (0..around).flat_map(|i| (0..across).map(move |j| (i, j))) {
+            let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(around)).sin_cos();
+            let (up, out) = (std::f64::consts::TAU * f64::from(j) / f64::from(across)).sin_cos();
+            let normal = DVec3::new(out * sin, up, out * cos);
+            let place = DVec3::new(ring * sin, 0.0, ring * cos) + normal * tube;
+            made.positions.push(place.as_vec3().to_array());
+            made.normals.push(normal.as_vec3().to_array());
+            let corner = |i: u32, j: u32| i % around * across + j % across;
+            let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
+            made.indices.extend([a, b, c, a, c, d]);
+        }
+        made
+    }
+
+    /// Dense meshes that hide parts of each other and of themselves before a wall that some lie beside, and through which one goes.
+    fn scene() -> Scene {
+        let mut scene = Scene::default();
+        scene.materials.push(Material { model: ShadingModel::Unlit, ..Material::default() });
+        let of = |shape: Shape, segments: [u32; 2]| shape.build(Some(segments), [1.0; 2]).unwrap();
+        let mut add = |primitive: Primitive, place: DVec3, turn: f64| {
+            let primitive = Primitive { material: 0, ..primitive };
+            let mesh = Some(scene.meshes.len());
+            scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
+            let rotation = DQuat::from_axis_angle(DVec3::new(0.4, 1.0, 0.2).normalize(), turn);
+            let motion = Motion::Fixed(DMat4::from_rotation_translation(rotation, place));
+            scene.add_node(Node { mesh, motion, ..Node::default() });
+        };
+        add(of(Shape::Card { size: [3.0, 2.0] }, [1, 1]), DVec3::new(0.3, 0.0, -4.0), 0.0);
+        add(torus([0.45, 0.2], [40, 20]), DVec3::new(-0.4, 0.1, -2.5), 1.2);
+        add(of(Shape::Sphere { radius: 0.4 }, [48, 24]), DVec3::new(0.3, 0.2, -2.8), 0.7);
+        add(of(Shape::Sphere { radius: 0.35 }, [24, 12]), DVec3::new(0.7, -0.4, -4.0), 0.3);
+        add(of(Shape::Box { size: [0.5; 3] }, [1, 1]), DVec3::new(0.2, -0.5, -2.2), 0.6);
+        let node = scene.add_node(Node::default());
+        scene.cameras.push(Camera::new("camera", node, Lens::FieldOfView { fov_y: 0.8 }));
+        scene
+    }
+
+    #[test]
+    fn what_lies_side_by_side_is_what_cutting_finds() {
+        let scene = scene();
+        let world = World::new(&scene, 0, Some((160, 120))).unwrap();
+        let mut clock = Clock::new(&world, Block { start_us: 0.0, end_us: 8192.0, jump: false });
+        let lists = Lists::new(&world, &mut clock).unwrap();
+        let [mut quick, mut cut] = [Regions::default(), Regions::default()];
+        // Pixels by how they are found: as a sheet, side by side, by cutting.
+        let (mut ways, mut worst, mut canary) = ([0; 3], 0.0_f64, 0);
+        for (row, column) in (0..lists.row_count()).flat_map(|row| (0..lists.columns).map(move |c| (row, c)))
+        {
+            let view = world.tile([column, row]);
+            let entries = &lists.row(row)[column];
+            let sights: Vec<Option<Sight>> = entries
+                .iter()
+                .map(|e| Sight::new(&lists.records[e.record as usize], &view, 0.5, &lists.depths))
+                .collect();
+            for pixel in 0..PIXELS {
+                let frame = view.pixel(pixel);
+                let seen = entries.iter().zip(&sights).filter(|(e, _)| e.touches >> pixel & 1 == 1);
+                let of = |(e, sight): (&crate::visibility::lists::Entry, &Option<Sight>)| {
+                    sight.as_ref()?.at(e.record, &frame, false)
+                };
+                let fragments: Vec<Fragment> = seen.filter_map(of).collect();
+                if fragments.len() < 2 {
+                    continue;
+                }
+                let backdrop = Regions::backdrop(&fragments);
+                let way = if quick.sheet(&fragments, &world.neighbors) {
+                    0
+                } else if quick.side_by_side(&fragments, backdrop) {
+                    1
+                } else {
+                    2
+                };
+                ways[way] += 1;
+                quick.find(&fragments, &world.neighbors, true);
+                cut.cut(&fragments);
+                let mut areas = vec![Moments::default(); fragments.len() + 1];
+                for (owner, polygon) in cut.regions.iter() {
+                    areas[(owner as usize).min(fragments.len())].add(&moments(polygon));
+                }
+                for (found, wanted) in quick.areas.iter().zip(&areas) {
+                    let off = (found.area - wanted.area).abs();
+                    let first = [0, 1].map(|k| (found.first[k] - wanted.first[k]).abs());
+                    let second = [0, 1, 2].map(|k| (found.second[k] - wanted.second[k]).abs());
+                    worst = first.into_iter().chain(second).fold(worst.max(off), f64::max);
+                }
+                // Canary: had every facet its own outline, whatever lies before it.
+                let [mut outline, mut room] = [Outline::default(), Outline::default()];
+                let whole: f64 = fragments
+                    .iter()
+                    .map(|f| {
+                        outline.become_that_of(f, &mut room);
+                        moments(outline.corners()).area
+                    })
+                    .sum();
+                canary += usize::from(whole > 1.01);
+            }
+        }
+        println!("{ways:?} pixels, off by {worst:.1e} at most; {canary} hide something");
+        assert!(ways.iter().all(|count| *count > 100), "{ways:?}");
+        assert!(worst < 1e-7, "{worst}");
+        assert!(canary > 1000, "{canary}");
     }
 }

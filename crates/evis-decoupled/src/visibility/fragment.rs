@@ -6,6 +6,7 @@
 
 use glam::{DMat3, DVec3, Vec4};
 
+use crate::scene::screen::Depths;
 use crate::scene::tiles::{PixelFrame, TILE, TileView};
 use crate::visibility::lists::Record;
 
@@ -52,14 +53,25 @@ pub struct Fragment {
     /// Its facet: of equal depths the lowest is seen.
     pub facet: u32,
     /// Edges that cross the pixel, inside not negative.
-    pub edges: [Line; 5],
+    pub edges: [Line; 6],
+    /// Which of the facet's these are; [`PLANE`] of a plane before or behind which nothing is seen.
+    pub names: [u8; 6],
     /// How many of them.
     pub edge_count: usize,
     /// 1/depth.
     pub inverse_depth: Line,
 }
 
+/// The name of an edge where a plane before or behind which nothing is seen cuts a facet.
+pub const PLANE: u8 = 4;
+
 impl Fragment {
+    fn add(&mut self, edge: Line, name: u8) {
+        self.edges[self.edge_count] = edge;
+        self.names[self.edge_count] = name;
+        self.edge_count += 1;
+    }
+
     /// Edges that cross the pixel.
     #[inline(always)]
     pub fn crossing(&self) -> &[Line] {
@@ -104,10 +116,12 @@ pub struct Sight {
     reach: [f64; 4],
     /// 1/depth.
     pub inverse_depth: Line,
-    /// Numerators of s and t over [`Sight::inverse_depth`].
+    /// Numerators of s and t over [`Sight::weight`].
     place: [Line; 2],
-    /// What is nearer than the near plane lies outside of this.
-    near: Option<Line>,
+    /// What s and t are divided by: 1/depth, and 1 where rays are parallel.
+    pub weight: Line,
+    /// What is nearer than the near plane lies outside of the first, what is farther than the far plane outside of the second.
+    planes: [Option<Line>; 2],
     /// See [`TileView::margin`].
     margin: f64,
 }
@@ -161,9 +175,9 @@ impl Sight {
     /// Pixels of the tile that this may cover a part of, and pixels that it covers.
     pub fn pixels(&self) -> (u64, u64) {
         let edges = (0..4).map(|k| (Line { a: self.a[k], b: self.b[k], c: self.c[k] }, self.reach[k]));
-        let near = self.near.map(|line| (line, line.reach()));
+        let planes = self.planes.iter().flatten().map(|line| (*line, line.reach()));
         let (mut some, mut whole) = (u64::MAX, u64::MAX);
-        for (line, reach) in edges.chain(near) {
+        for (line, reach) in edges.chain(planes) {
             let (own_some, own_whole) = pixels_above(&line, reach, self.margin);
             some &= own_some;
             whole &= own_whole;
@@ -177,7 +191,9 @@ impl Sight {
     /// Pixels of the tile whose centres this covers for certain.
     pub fn centres(&self) -> u64 {
         let edges = (0..4).map(|k| Line { a: self.a[k], b: self.b[k], c: self.c[k] });
-        edges.chain(self.near).fold(u64::MAX, |all, line| all & pixels_above(&line, 0.0, self.margin).1)
+        edges
+            .chain(self.planes.into_iter().flatten())
+            .fold(u64::MAX, |all, line| all & pixels_above(&line, 0.0, self.margin).1)
     }
 
     /// Pixels of the tile in all of which this lies before `other`.
@@ -193,7 +209,7 @@ impl Sight {
     }
 
     /// `record` as a tile sees it at `v` of its span; `None` where nobody does.
-    pub fn new(record: &Record, view: &TileView, v: f64, near: f64) -> Option<Self> {
+    pub fn new(record: &Record, view: &TileView, v: f64, depths: &Depths) -> Option<Self> {
         let [p, q, r] = &record.points;
         let mut h = [[0.0; 4]; 3];
         for axis in 0..3 {
@@ -214,7 +230,15 @@ impl Sight {
         let edges = [e0, h1.cross(h2), h2.cross(h3), e3].map(|e| e * sign);
         let inverse = 1.0 / volume;
         let inverse_depth = Line::new((e0 + e3 + across) * inverse);
-        let near = record.crosses_near.then(|| Line::new(view.near(near)).minus(inverse_depth));
+        let near = record.crosses_near.then(|| Line::new(view.inverse_of(depths.near)).minus(inverse_depth));
+        let far = record.crosses_far.then(|| inverse_depth.minus(Line::new(view.inverse_of(depths.far))));
+        let mut place = [Line::new(e3 * inverse), Line::new(e0 * inverse)];
+        let mut weight = inverse_depth;
+        if depths.far.is_finite() {
+            // Of parallel rays (s, t) is linear on the image: image points are (x, y, 1) times depth.
+            place = [Line::new(e3 * (inverse * h1.z)), Line::new(e0 * (inverse * h3.z))];
+            weight = Line { a: 0.0, b: 0.0, c: 1.0 };
+        }
         Some(Self {
             facet: record.facet,
             front,
@@ -223,8 +247,9 @@ impl Sight {
             c: edges.map(|e| e.z),
             reach: edges.map(|e| 0.5 * (e.x.abs() + e.y.abs())),
             inverse_depth,
-            place: [Line::new(e3 * inverse), Line::new(e0 * inverse)],
-            near,
+            place,
+            weight,
+            planes: [near, far],
             margin: view.margin,
         })
     }
@@ -232,7 +257,7 @@ impl Sight {
     /// (s, t) of the facet at a point, and their change to the right and down.
     #[inline(always)]
     pub fn parameters(&self, at: [f64; 2]) -> ([f64; 2], [[f64; 2]; 2]) {
-        let w = &self.inverse_depth;
+        let w = &self.weight;
         let depth = 1.0 / w.at(at);
         let value = self.place.map(|n| n.at(at) * depth);
         let right = [0, 1].map(|k| (self.place[k].a - value[k] * w.a) * depth);
@@ -243,30 +268,31 @@ impl Sight {
     /// (s, t) at a point.
     #[inline(always)]
     pub fn place(&self, at: [f64; 2]) -> [f64; 2] {
-        let depth = 1.0 / self.inverse_depth.at(at);
+        let depth = 1.0 / self.weight.at(at);
         self.place.map(|n| n.at(at) * depth)
     }
 
-    /// From image points to (s, t, 1) over depth.
+    /// From image points to (s, t, 1) over depth, or not divided where rays are parallel.
     pub fn facet_from_image(&self) -> DMat3 {
         let [s, t] = &self.place;
-        let w = &self.inverse_depth;
+        let w = &self.weight;
         DMat3::from_cols_array(&[s.a, t.a, w.a, s.b, t.b, w.b, s.c, t.c, w.c])
     }
 
     /// As a pixel sees it, in that pixel's own coordinates; `None` where it does not. `covers` says that it is known to fill
     /// the pixel.
-    #[inline(always)]
     pub fn at(&self, record: u32, frame: &PixelFrame, covers: bool) -> Option<Fragment> {
-        let mut fragment = Fragment {
-            record,
-            facet: self.facet,
-            edges: [Line::default(); 5],
-            edge_count: 0,
-            inverse_depth: self.inverse_depth.in_pixel(frame),
-        };
+        let mut fragment = Fragment::default();
+        self.fill(&mut fragment, record, frame, covers).then_some(fragment)
+    }
+
+    /// The same, into `fragment`; false where the pixel does not see it.
+    #[inline(always)]
+    pub fn fill(&self, fragment: &mut Fragment, record: u32, frame: &PixelFrame, covers: bool) -> bool {
+        (fragment.record, fragment.facet, fragment.edge_count) = (record, self.facet, 0);
+        fragment.inverse_depth = self.inverse_depth.in_pixel(frame);
         if covers {
-            return Some(fragment);
+            return true;
         }
         let edge = |k: usize| Line { a: self.a[k], b: self.b[k], c: self.c[k] };
         let lines: [Line; 4] = std::array::from_fn(|k| edge(k).in_pixel(frame));
@@ -277,25 +303,23 @@ impl Sight {
             crossing |= line.c < *reach;
         }
         if outside {
-            return None;
+            return false;
         }
         if crossing {
-            for (line, _) in lines.iter().zip(&reaches).filter(|(line, reach)| line.c < **reach) {
-                fragment.edges[fragment.edge_count] = *line;
-                fragment.edge_count += 1;
+            for (name, (line, _)) in (0..).zip(lines.iter().zip(&reaches)).filter(|(_, (l, r))| l.c < **r) {
+                fragment.add(*line, name);
             }
         }
-        if let Some(near) = self.near {
-            let line = near.in_pixel(frame);
+        for line in self.planes.iter().flatten() {
+            let line = line.in_pixel(frame);
             let reach = line.reach();
             if line.c < -reach {
-                return None;
+                return false;
             }
             if line.c < reach {
-                fragment.edges[fragment.edge_count] = line;
-                fragment.edge_count += 1;
+                fragment.add(line, PLANE);
             }
         }
-        Some(fragment)
+        true
     }
 }

@@ -9,10 +9,11 @@ use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::scene::facets::{CORNERS, wide};
+use crate::scene::facets::{CORNERS, corners, wide};
+use crate::scene::screen::Depths;
 use crate::scene::tiles::{LensTiles, TILE, TileView};
 use crate::scene::world::World;
-use crate::visibility::blocks::{Clock, Span, corners};
+use crate::visibility::blocks::{Clock, Span};
 
 /// Part of the depth by which a surface must lie behind a plane to be hidden by it.
 const COPLANAR: f64 = 1e-9;
@@ -28,6 +29,8 @@ pub struct Record {
     pub points: [[[f64; CORNERS]; 3]; 3],
     /// A corner comes nearer than the near plane.
     pub crosses_near: bool,
+    /// A corner goes farther than the far plane.
+    pub crosses_far: bool,
     /// It shows the same side throughout.
     pub one_side: bool,
     /// Both sides are drawn.
@@ -65,6 +68,8 @@ pub struct Lists {
     rows: Vec<Vec<u32>>,
     /// Tiles per row.
     pub columns: usize,
+    /// Depths between which something is seen.
+    pub depths: Depths,
     /// Where they are, of a distorted lens.
     tiles: Option<Arc<LensTiles>>,
     /// Largest error of any record in pixels, of those that could not be split far enough.
@@ -81,6 +86,7 @@ impl Lists {
         let mut spans: Vec<Vec<Span>> = Vec::with_capacity(world.surfaces.len());
         let mut mirrored = Vec::with_capacity(world.surfaces.len());
         let ends = clock.ends()?;
+        let depths = ends[0].depths;
         for (index, surface) in world.surfaces.iter().enumerate() {
             spans.push(clock.spans(index as u32)?);
             let pose = ends[0].world_from_node(surface.node);
@@ -92,7 +98,7 @@ impl Lists {
         let records: Vec<Vec<Record>> = work
             .par_iter()
             .map(|&(surface, cluster)| {
-                of_cluster(world, surface, cluster, &spans[surface], mirrored[surface])
+                of_cluster(world, (surface, cluster), &spans[surface], mirrored[surface], &depths)
             })
             .collect();
         let records: Vec<Record> = records.into_iter().flatten().collect();
@@ -110,7 +116,7 @@ impl Lists {
                 row.push(index as u32);
             }
         }
-        Ok(Self { records, rows, columns: size[0], tiles: world.tiles.clone(), worst_error_px })
+        Ok(Self { records, rows, columns: size[0], depths, tiles: world.tiles.clone(), worst_error_px })
     }
 
     /// Rows of tiles.
@@ -182,19 +188,25 @@ fn bernstein([a, b, c]: [DVec3; 3]) -> [DVec3; 3] {
     [a, b * 2.0 - (a + c) * 0.5, c]
 }
 
-/// Whether all `points` are outside one side of the picture or nearer than `near`.
-fn outside(points: impl Iterator<Item = DVec3> + Clone, seen: [f64; 4], near: f64) -> bool {
+/// Whether all `points` are outside one side of the picture, nearer than the near plane, or farther than the far one.
+fn outside(points: impl Iterator<Item = DVec3> + Clone, seen: [f64; 4], depths: &Depths) -> bool {
     let all = |f: &dyn Fn(DVec3) -> bool| points.clone().all(f);
-    all(&|p| p.z < near)
+    all(&|p| p.z < depths.near)
+        || all(&|p| p.z > depths.far)
         || all(&|p| p.x < seen[0] * p.z)
         || all(&|p| p.y < seen[1] * p.z)
         || all(&|p| p.x > seen[2] * p.z)
         || all(&|p| p.y > seen[3] * p.z)
 }
 
-fn of_cluster(world: &World, surface: usize, cluster: usize, spans: &[Span], mirrored: bool) -> Vec<Record> {
+fn of_cluster(
+    world: &World,
+    (surface, cluster): (usize, usize),
+    spans: &[Span],
+    mirrored: bool,
+    depths: &Depths,
+) -> Vec<Record> {
     let seen = world.seen();
-    let near = world.lens.near;
     let s = &world.surfaces[surface];
     let cluster = &world.clusters[cluster];
     let primitive = world.primitive(surface as u32);
@@ -203,14 +215,14 @@ fn of_cluster(world: &World, surface: usize, cluster: usize, spans: &[Span], mir
         if !s.deforms {
             let [low, high] = cluster.bounds;
             let hull = corners(low, high).map(|p| bernstein(span.places.of(0, p)));
-            if outside(hull.into_iter().flatten(), seen, near) {
+            if outside(hull.into_iter().flatten(), seen, depths) {
                 continue;
             }
         }
         for facet in cluster.facets.clone() {
             let h =
                 world.facets[facet].corners.map(|c| span.places.of(c, wide(primitive.positions[c as usize])));
-            if let Some(mut record) = Record::new(h, near, s.double_sided, mirrored)
+            if let Some(mut record) = Record::new(h, depths, s.double_sided, mirrored)
                 && record.rect[0] < seen[2]
                 && record.rect[1] < seen[3]
                 && record.rect[2] > seen[0]
@@ -228,11 +240,11 @@ fn of_cluster(world: &World, surface: usize, cluster: usize, spans: &[Span], mir
 
 impl Record {
     /// From corners' homogeneous image points at the start, middle and end; `None` where nothing of it is seen.
-    fn new(h: [[DVec3; 3]; CORNERS], near: f64, double_sided: bool, mirrored: bool) -> Option<Self> {
+    fn new(h: [[DVec3; 3]; CORNERS], depths: &Depths, double_sided: bool, mirrored: bool) -> Option<Self> {
         let hull = h.map(bernstein);
-        let depths = hull.iter().flatten().map(|p| p.z);
-        let depth = [depths.clone().fold(f64::INFINITY, f64::min), depths.fold(f64::NEG_INFINITY, f64::max)];
-        if !depth[1].is_finite() || depth[1] < near {
+        let all = hull.iter().flatten().map(|p| p.z);
+        let depth = [all.clone().fold(f64::INFINITY, f64::min), all.fold(f64::NEG_INFINITY, f64::max)];
+        if !depth[1].is_finite() || depth[1] < depths.near || depth[0] > depths.far {
             return None;
         }
         let at = [0, 1, 2].map(|k| h.map(|corner| corner[k]));
@@ -270,8 +282,9 @@ impl Record {
             let [a, b, _, d] = at[k];
             (b.cross(d) + d.cross(a) + a.cross(b)) / volume[k]
         });
-        let crosses_near = depth[0] < near;
-        let rect = swept_rect(&hull, near)?;
+        let crosses_near = depth[0] < depths.near;
+        let crosses_far = depth[1] > depths.far;
+        let rect = swept_rect(&hull, depths.near)?;
         let still = h.iter().all(|[a, b, c]| a == b && b == c);
         let p = h.map(|h| if still { [h[0], DVec3::ZERO, DVec3::ZERO] } else { powers(h) });
         let points = std::array::from_fn(|power| {
@@ -282,6 +295,7 @@ impl Record {
             u: [0.0, 1.0],
             points,
             crosses_near,
+            crosses_far,
             one_side,
             double_sided,
             mirrored,
@@ -321,7 +335,7 @@ impl Record {
         let half = 0.5 * TILE as f64;
         let middle = DVec3::new(left + half, top + half, 1.0);
         let mut covers = u64::MAX;
-        if !self.one_side || self.crosses_near || !self.whole_block() {
+        if !self.one_side || self.crosses_near || self.crosses_far || !self.whole_block() {
             covers = 0;
         }
         if self.one_side {

@@ -2,12 +2,14 @@
 // The prelude declares LIGHT_CAPACITY: the scene's lights, at least 1.
 // One view at one instant. Twin: gpu/uniforms.rs, Frame.
 struct Frame {
-    // Camera axes in world space; w of right, up, back: camera position x, y, z.
+    // Camera axes in world space; w of right, up, back: camera position x, y, z, or of parallel rays the way to the camera.
     world_from_camera_right: vec4<f32>,
     world_from_camera_up: vec4<f32>,
     world_from_camera_back: vec4<f32>,
     // tan of half the field: x scale, y scale, x offset, y offset (direction = ndc * scale + offset).
     ray: vec4<f32>,
+    // x: 1 of central rays, 0 of parallel ones. Of these, depth is y - z * z_ndc.
+    depth: vec4<f32>,
     // Linear RGB shown where nothing is hit; w: factor of the environment.
     background: vec4<f32>,
     // Irradiance / pi from everywhere; w: environment rotation about +Y, radians.
@@ -48,9 +50,16 @@ struct Share {
 
 @group(0) @binding(6) var<uniform> share: Share;
 
-fn camera_position() -> vec3<f32> {
-    return vec3<f32>(
+// World direction from `position` to the camera; not normalised.
+fn to_camera(position: vec3<f32>) -> vec3<f32> {
+    let eye = vec3<f32>(
         frame.world_from_camera_right.w, frame.world_from_camera_up.w, frame.world_from_camera_back.w);
+    return eye - position * frame.depth.x;
+}
+
+// 1 / planar depth of a fragment.
+fn inverse_depth(position: vec4<f32>) -> f32 {
+    return select(1.0 / (frame.depth.y - frame.depth.z * position.z), position.w, frame.depth.x > 0.5);
 }
 
 // World direction of the ray through `ndc`.

@@ -1,3 +1,4 @@
+#import common/frame.wgsl
 #import raster/vertex.wgsl
 #import raster/material.wgsl
 // Geometry labels, one sample at the pixel's centre: inverse depth, flow to the next and the last label, ids.
@@ -81,7 +82,7 @@ fn fs_main(v: GeometryVaryings) -> GeometryOut {
         }
     }
     return GeometryOut(
-        v.position.w,
+        inverse_depth(v.position),
         vec4<f32>(flow_pixels(v.here, v.next), flow_pixels(v.here, v.last)),
         v.ids);
 }

@@ -86,7 +86,7 @@ fn metallic_roughness_radiance(v: Varyings, base: vec3<f32>, front: bool) -> vec
     s.shadowed = shadowed_position(v);
     s.normal = shading_normal(v, front);
     s.surface_normal = surface_normal(v, front);
-    s.to_eye = normalize(camera_position() - s.position);
+    s.to_eye = normalize(to_camera(s.position));
     s.n_v = max(dot(s.normal, s.to_eye), 1e-4);
     s.diffuse_color = base * (1.0 - mr.x);
     s.f0 = mix(vec3<f32>(0.04), base, mr.x);

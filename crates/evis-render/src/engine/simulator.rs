@@ -167,7 +167,7 @@ impl Simulator {
         let gpu = gpu.into();
         gpu.map_or(Ok(()), Gpu::check_not_lost)?;
         let (views, cameras) = view::views(&scene, &config)?;
-        view::check_distorted(&views, &cameras, &config)?;
+        view::check_lenses(&views, &cameras, &config)?;
         // Each camera's first view has its sensor.
         config.set_sensors(cameras.iter().map(|c| c.name.as_str()).zip(views.iter().map(|v| &v.sensor)));
         let environments = scene.variants.len().max(1);

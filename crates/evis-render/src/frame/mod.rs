@@ -7,7 +7,7 @@ pub mod upload;
 
 use std::ops::Range;
 
-use evis_scene::{LightFactors, LightKind, PixelLens, Scene, SceneState};
+use evis_scene::{LightFactors, LightKind, PixelLens, Rays, Scene, SceneState};
 use glam::{DMat4, DVec3};
 
 use crate::frame::changes::{Change, Moment, StillWatch};
@@ -401,7 +401,10 @@ fn instance_record(world: &DMat4, clip: &DMat4) -> InstanceRecord {
 }
 
 fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, shared: &Shared) -> Frame {
-    let p = world_from_camera.w_axis;
+    let (p, depth) = match view.lens.rays {
+        Rays::Central => (world_from_camera.w_axis, [1.0, 0.0, 0.0, 0.0]),
+        Rays::Parallel { far } => (world_from_camera.z_axis, [0.0, far, far - view.lens.near, 0.0]),
+    };
     let axis = |a: glam::DVec4, w: f64| [a.x as f32, a.y as f32, a.z as f32, w as f32];
     let [r, g, b] = scene.background;
     let [ar, ag, ab] = scene.ambient;
@@ -411,6 +414,7 @@ fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, shared: &Shared)
         world_from_camera_up: axis(world_from_camera.y_axis, p.y),
         world_from_camera_back: axis(world_from_camera.z_axis, p.z),
         ray: view.lens.ray_from_ndc().map(|v| v as f32),
+        depth: depth.map(|v| v as f32),
         background: [r, g, b, environment.map_or(0.0, |e| e.intensity)],
         ambient: [ar, ag, ab, environment.map_or(0.0, |e| e.rotation)],
         shadow_layer_base: shared.shadow_layer_base,

@@ -9,14 +9,16 @@ use crate::gpu::sizes::MAX_INSTANTS;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Frame {
-    /// Camera's x axis; w: camera position x.
+    /// Camera's x axis; w: camera position x, or of parallel rays the way to the camera, x.
     pub world_from_camera_right: [f32; 4],
-    /// Camera's y axis; w: camera position y.
+    /// Camera's y axis; w: the same, y.
     pub world_from_camera_up: [f32; 4],
-    /// Camera's z axis (it looks along the opposite); w: camera position z.
+    /// Camera's z axis (it looks along the opposite); w: the same, z.
     pub world_from_camera_back: [f32; 4],
     /// Direction = ndc * (x, y) + (z, w).
     pub ray: [f32; 4],
+    /// Of central rays 1; of parallel rays 0, depth at z_ndc 0, and how much less it is at 1.
+    pub depth: [f32; 4],
     /// Background radiance; w: factor of the environment.
     pub background: [f32; 4],
     /// Ambient irradiance / pi; w: environment rotation.

@@ -37,6 +37,7 @@ pub fn canvas_lens(lens: &PixelLens, config: &Warp) -> PixelLens {
         focal: lens.focal,
         center: lens.center.map(|c| c + f64::from(margin)),
         near: lens.near,
+        rays: lens.rays,
     }
 }
 

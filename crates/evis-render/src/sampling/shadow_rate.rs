@@ -7,7 +7,7 @@
 
 use std::cell::OnceCell;
 
-use evis_scene::LensModel;
+use evis_scene::PixelLens;
 use glam::{DMat3, DMat4, DVec2, DVec3};
 
 use crate::sampling::clusters::{Face, Hull, Pieces};
@@ -40,7 +40,7 @@ pub struct Scenery<'a> {
     tiles: (u32, u32),
     /// The camera at the first, the middle and the last instant, and when; once where it stands still.
     cameras: Vec<(&'a DMat4, f64)>,
-    eyes: Vec<DVec3>,
+    eyes: Vec<Eye>,
     /// How far resting points are from the interpolation between these.
     deviations: CameraDeviation,
 }
@@ -56,7 +56,7 @@ impl<'a> Scenery<'a> {
         let still = !view.camera_moves();
         let ends = if still { &view.ends()[..1] } else { view.ends() };
         let cameras: Vec<_> = ends.iter().map(|&k| (view.camera_from_world[k], k as f64)).collect();
-        let eyes = cameras.iter().map(|(camera, _)| camera.inverse().w_axis.truncate()).collect();
+        let eyes = cameras.iter().map(|(camera, _)| Eye::new(camera, view.lens)).collect();
         let deviations = view.camera_deviation(ends);
         Self { view, gpu_scene, pieces, tiles, cameras, eyes, deviations }
     }
@@ -124,7 +124,7 @@ impl<'a> Scenery<'a> {
         let [(a, from), (b, to)] = [self.cameras[next - 1], self.cameras[next]];
         let lens = self.view.lens;
         let see = |camera: &DMat4| {
-            let place = lens.pinhole().project(lens.before_camera(camera.transform_point3(point)));
+            let place = lens.project(lens.before_camera(camera.transform_point3(point)));
             place.unwrap_or(DVec2::NAN)
         };
         (see(b) - see(a)) / (to - from)
@@ -134,6 +134,42 @@ impl<'a> Scenery<'a> {
     fn shake_px(&self, camera: &DMat4, point: DVec3) -> f64 {
         let speed = self.deviations.speed.at(self.cameras[0].0.transform_point3(point));
         reach_px(std::iter::once(camera.transform_point3(point)), speed, self.view.lens)
+    }
+}
+
+/// From where a camera looks.
+#[derive(Clone, Copy)]
+enum Eye {
+    /// From a point of the world.
+    At(DVec3),
+    /// Along a direction: an orthographic camera.
+    Along(DVec3),
+}
+
+impl Eye {
+    fn new(camera_from_world: &DMat4, lens: &PixelLens) -> Self {
+        let world_from_camera = camera_from_world.inverse();
+        if lens.is_parallel() {
+            Self::Along(world_from_camera.transform_vector3(DVec3::NEG_Z))
+        } else {
+            Self::At(world_from_camera.w_axis.truncate())
+        }
+    }
+
+    /// The way in which it sees `point`.
+    fn toward(&self, point: DVec3) -> DVec3 {
+        match *self {
+            Self::At(eye) => point - eye,
+            Self::Along(way) => way,
+        }
+    }
+
+    /// Whether it may look from between `low` and `high`: the near plane of an orthographic camera may cut anything.
+    fn may_lie_between(&self, low: DVec3, high: DVec3) -> bool {
+        match *self {
+            Self::At(eye) => (low - eye).max(eye - high).max_element() <= 0.0,
+            Self::Along(_) => true,
+        }
     }
 }
 
@@ -218,7 +254,7 @@ impl<'a> Receiver<'a> {
         // A closed surface with all cameras outside shows no insides.
         let closed = self.pieces.swing.is_finite();
         let (low, high) = self.extent;
-        let inside = |eye: &DVec3| (low - *eye).max(*eye - high).max_element() <= 0.0;
+        let inside = |eye: &Eye| eye.may_lie_between(low, high);
         let solid = closed && !scenery.eyes.iter().any(inside);
         let place = |face: &Face| {
             let track = scenery.view.track(scenery.gpu_scene, self.activity, &face.hull);
@@ -247,7 +283,7 @@ impl<'a> Receiver<'a> {
 impl PlacedFace {
     /// Whether it may be before the camera's eyes and no inside.
     fn is_seen(&self, scenery: &Scenery<'_>) -> bool {
-        let front = |n: &DVec3, p: &DVec3| scenery.eyes.iter().any(|eye| n.dot(*p - *eye) <= 0.0);
+        let front = |n: &DVec3, p: &DVec3| scenery.eyes.iter().any(|eye| n.dot(eye.toward(*p)) <= 0.0);
         !self.solid || self.normals.iter().any(|n| self.corners.iter().any(|p| front(n, p)))
     }
 
@@ -258,8 +294,8 @@ impl PlacedFace {
         let slope = |n: &DVec3| {
             let sides = |p: &DVec3| {
                 let lit = n.dot(lamp.direction(*p));
-                let seen = |eye: &DVec3| {
-                    let seen = n.dot(*p - *eye);
+                let seen = |eye: &Eye| {
+                    let seen = n.dot(eye.toward(*p));
                     lit * seen > 0.0 && !(self.solid && lit > 0.0)
                 };
                 scenery.eyes.iter().any(seen)

@@ -10,7 +10,7 @@
 
 use std::sync::Arc;
 
-use evis_scene::{LensModel, PixelLens, Scene};
+use evis_scene::{PixelLens, PixelRay, Scene};
 use glam::{DMat4, DVec2, DVec3};
 
 use crate::gpu::uniforms::{LightRecord, ObjectRecord};
@@ -289,13 +289,12 @@ fn speed(view: &ViewMotion<'_>, track: &Track<'_>, deviations: &Deviations) -> f
             // What is behind the camera all the way is not seen.
             if !pairs().all(|(a, b)| is_behind(a) && is_behind(b)) {
                 for (a, b) in pairs() {
-                    fastest =
-                        fastest.max(match (view.lens.pinhole().project(a), view.lens.pinhole().project(b)) {
-                            (Some(p), Some(q)) if !is_behind(a) && !is_behind(b) => {
-                                (p.x - q.x).hypot(p.y - q.y) / (k - last) as f64
-                            }
-                            _ => f64::INFINITY,
-                        });
+                    fastest = fastest.max(match (view.lens.project(a), view.lens.project(b)) {
+                        (Some(p), Some(q)) if !is_behind(a) && !is_behind(b) => {
+                            (p.x - q.x).hypot(p.y - q.y) / (k - last) as f64
+                        }
+                        _ => f64::INFINITY,
+                    });
                 }
             }
         }
@@ -320,8 +319,8 @@ struct DepthGrid {
     /// Places per row.
     columns: u32,
     rows: u32,
-    /// Through each place, with z = -1.
-    rays: Vec<DVec3>,
+    /// Through each place.
+    rays: Vec<PixelRay>,
     /// Least and greatest.
     depths: Vec<[f64; 2]>,
     /// Of what stands between the rays of a tile.
@@ -338,9 +337,9 @@ impl DepthGrid {
         let half = f64::from(TILE) / 2.0;
         let ray = |x: u32, y: u32| {
             let at = DVec2::new(f64::from(x) * half, f64::from(y) * half);
-            lens.pinhole().ray(at.min(DVec2::new(lens.width.into(), lens.height.into())))
+            lens.ray(at.min(DVec2::new(lens.width.into(), lens.height.into())))
         };
-        let rays: Vec<DVec3> = (0..rows).flat_map(|y| (0..columns).map(move |x| ray(x, y))).collect();
+        let rays: Vec<PixelRay> = (0..rows).flat_map(|y| (0..columns).map(move |x| ray(x, y))).collect();
         Self {
             columns,
             rows,
@@ -360,7 +359,6 @@ impl DepthGrid {
         let middle = -camera_from_object.transform_point3((piece.0 + piece.1) / 2.0).z;
         let object_from_camera = camera_from_object.inverse();
         let flat = !object_from_camera.is_finite();
-        let origin = object_from_camera.w_axis.truncate();
         let tile_rows = (self.rows - 1) / 2;
         for (x, y) in tiles_of(*area, self.tile_columns, tile_rows) {
             let mut hit = false;
@@ -369,7 +367,8 @@ impl DepthGrid {
                 if flat {
                     continue;
                 }
-                let along = object_from_camera.transform_vector3(self.rays[place]);
+                let origin = object_from_camera.transform_point3(self.rays[place].origin);
+                let along = object_from_camera.transform_vector3(self.rays[place].direction);
                 if let Some([near, far]) = through(piece, origin, along, self.near) {
                     hit = true;
                     let depths = &mut self.depths[place];
@@ -396,19 +395,27 @@ impl DepthGrid {
         needs: &mut Needs,
         step_px: f64,
     ) {
-        let speed = |ray: DVec3, depths: [f64; 2]| {
-            let mut most: f64 = 0.0;
+        // Parallel rays see one point of the sky, and any turn exchanges it.
+        let turns = |(_, step): &(f64, DMat4)| step.transform_vector3(DVec3::Z) != DVec3::Z;
+        let exchanged =
+            lens.is_parallel() && sky && (deviations.speed.slope > 0.0 || steps.iter().any(turns));
+        let sky = sky && !lens.is_parallel();
+        let speed = |ray: PixelRay, depths: [f64; 2]| {
+            let mut most: f64 = if exchanged { f64::INFINITY } else { 0.0 };
             let ends = (depths[0] <= depths[1]).then_some(depths);
-            let finite = ends.into_iter().flatten().map(|depth| (ray * depth, 1.0));
-            for (point, w) in finite.chain(sky.then_some((ray, 0.0))) {
-                let mut last = lens.pinhole().project(ray);
+            let finite = ends.into_iter().flatten().map(|depth| (ray.at(depth), 1.0));
+            for (point, w) in finite.chain(sky.then_some((ray.direction, 0.0))) {
+                let mut last = lens.project(ray.at(1.0));
                 // At infinity offsets do not count.
-                let shake =
-                    if w == 0.0 { deviations.speed.slope * ray.length() } else { deviations.speed.at(point) };
+                let shake = if w == 0.0 {
+                    deviations.speed.slope * ray.direction.length()
+                } else {
+                    deviations.speed.at(point)
+                };
                 let shake_px = reach_px(std::iter::once(point), shake, lens);
                 for (instants, step) in steps {
                     let now = (*step * point.extend(w)).truncate();
-                    let now = if -now.z > 0.0 { lens.pinhole().project(now) } else { None };
+                    let now = lens.project(now);
                     most = most.max(match (last, now) {
                         (Some(a), Some(b)) => (a.x - b.x).hypot(a.y - b.y) / instants + shake_px,
                         _ => f64::INFINITY,
@@ -459,7 +466,8 @@ mod tests {
     use crate::world::image_bounds::corners;
 
     fn lens() -> PixelLens {
-        PixelLens { width: 70, height: 50, focal: [80.0, 80.0], center: [35.0, 25.0], near: 0.05 }
+        let rays = evis_scene::Rays::Central;
+        PixelLens { width: 70, height: 50, focal: [80.0, 80.0], center: [35.0, 25.0], near: 0.05, rays }
     }
 
     fn needs(lens: &PixelLens) -> Needs {

@@ -320,12 +320,17 @@ impl LinearBound {
 /// Pixels within which the picture of a point lies that is no more than `distance` metres from one of the hull of `points`, all
 /// in the camera's space. Infinite where that may lie beside the camera.
 ///
-/// With depths `d` and `e` of the two, `|x/d - y/e| <= (|x - y| + |y/e| |d - e|) / d`.
+/// With depths `d` and `e` of the two, where rays are central, `|x/d - y/e| <= (|x - y| + |y/e| |d - e|) / d`.
 pub fn reach_px(points: impl Iterator<Item = DVec3>, distance: f64, lens: &PixelLens) -> f64 {
     if distance == 0.0 {
         return 0.0;
     }
     let plane = 0.5 * lens.near;
+    if lens.is_parallel() {
+        let farthest = points.map(|point| -point.z).fold(f64::NEG_INFINITY, f64::max);
+        let scale = lens.focal[0].max(lens.focal[1]);
+        return if farthest + distance < plane { 0.0 } else { scale * distance };
+    }
     let (mut nearest, mut farthest, mut steepest) = (f64::INFINITY, f64::NEG_INFINITY, 0.0_f64);
     for point in points {
         nearest = nearest.min(-point.z);

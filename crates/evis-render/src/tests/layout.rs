@@ -258,6 +258,7 @@ fn host_and_shader_structs_have_one_layout() {
         ("world_from_camera_up", offset_of!(uniforms::Frame, world_from_camera_up)),
         ("world_from_camera_back", offset_of!(uniforms::Frame, world_from_camera_back)),
         ("ray", offset_of!(uniforms::Frame, ray)),
+        ("depth", offset_of!(uniforms::Frame, depth)),
         ("background", offset_of!(uniforms::Frame, background)),
         ("ambient", offset_of!(uniforms::Frame, ambient)),
         ("shadow_layer_base", offset_of!(uniforms::Frame, shadow_layer_base)),

@@ -419,6 +419,37 @@ pub fn plain() -> Scene {
     s.build().unwrap()
 }
 
+/// `scene` as an orthographic camera at the same place shows it, between two planes.
+pub fn orthographic(mut scene: Scene, height: f64, [near, far]: [f64; 2]) -> Scene {
+    for camera in &mut scene.cameras {
+        camera.lens = Lens::Orthographic { height, far };
+        camera.near = near;
+    }
+    scene
+}
+
+/// Both planes cut something: the ball, and what is tilted.
+pub fn orthographic_glossy() -> Scene {
+    orthographic(glossy(), 2.1, [2.1, 2.65])
+}
+
+pub fn orthographic_environment() -> Scene {
+    orthographic(environment(), 2.2, [0.1, 8.0])
+}
+
+pub fn orthographic_sunlight() -> Scene {
+    orthographic(sunlight(), 2.6, [0.1, 12.0])
+}
+
+pub fn wrong_planes(scene: &mut Scene) {
+    for camera in &mut scene.cameras {
+        if let Lens::Orthographic { far, .. } = &mut camera.lens {
+            *far += 0.05;
+        }
+        camera.near -= 0.05;
+    }
+}
+
 /// A tenth of a pixel beside the point.
 pub fn wrong_camera(scene: &mut Scene) {
     for camera in &mut scene.cameras {
@@ -429,6 +460,7 @@ pub fn wrong_camera(scene: &mut Scene) {
                 Lens::Intrinsics { fx: f, fy: f, cx: w / 2.0 + 0.1, cy: h / 2.0 }
             }
             Lens::Intrinsics { fx, fy, cx, cy } => Lens::Intrinsics { fx, fy, cx: cx + 0.1, cy },
+            Lens::Orthographic { height, far } => Lens::Orthographic { height: 1.01 * height, far },
         };
     }
 }

@@ -7,7 +7,7 @@
 
 use std::ops::Range;
 
-use evis_scene::{CalibratedLens, LensModel, PixelLens, SceneError};
+use evis_scene::{CalibratedLens, LensModel, PixelLens, Rays, SceneError};
 use glam::{DMat2, DVec2, Vec2};
 use rayon::prelude::*;
 
@@ -159,6 +159,7 @@ impl Distorted {
             focal: [focal; 2],
             center: center.into(),
             near,
+            rays: Rays::Central,
         };
         Ok(Self { lens, size, picture })
     }

@@ -1,6 +1,6 @@
 //! Parts of a picture: whole pixels, and where on the image plane things lie.
 
-use evis_scene::{LensModel, PixelLens};
+use evis_scene::PixelLens;
 use glam::{DMat4, DVec3};
 
 /// Pixels around what moves that it may change: samples reach half a pixel out, the rest is rounding's.
@@ -162,7 +162,7 @@ pub fn outline(points: &[DVec3], camera_from_world: &DMat4, lens: &PixelLens, mu
     let points: Vec<DVec3> = points.iter().map(|p| camera_from_world.transform_point3(*p)).collect();
     let near = 0.5 * lens.near;
     let mut add = |point: DVec3| {
-        if let Some(at) = lens.pinhole().project(point) {
+        if let Some(at) = lens.project(point) {
             add(at.into());
         }
     };

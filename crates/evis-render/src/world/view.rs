@@ -118,8 +118,12 @@ pub fn own_lens(
     Ok(scene.pixel_lens(variant, index, config.size, f64::INFINITY)?)
 }
 
-/// What a recording says of the camera `name` of `scene`, which has this lens.
+/// What a recording says of the camera `name` of `scene`, which has this lens: nothing but its size, of an orthographic one,
+/// which has no intrinsics.
 pub fn camera_info(scene: &Scene, name: &str, lens: &PixelLens) -> CameraInfo {
+    if lens.is_parallel() {
+        return CameraInfo::uncalibrated(name, (lens.width, lens.height));
+    }
     let distortion = scene.distortions.get(name).map(|own| (own.name(), own.coefficients()));
     CameraInfo::new(name, (lens.width, lens.height), lens.focal, lens.center, distortion)
 }
@@ -158,15 +162,18 @@ fn distorted(
     Ok(Some(Arc::new(Distorted::new(&camera.name, own, size, camera.near, density)?)))
 }
 
-/// Whether `config` can show the cameras `cameras` of `views`, some of which may have distorted lenses.
+/// Whether `config` can show the cameras `cameras` of `views`, some of which may have distorted lenses or be orthographic.
 ///
 /// # Errors
-/// A method, adaptive time or frames with a distorted lens.
-pub fn check_distorted(
-    views: &[View],
-    cameras: &[CameraInfo],
-    config: &RunConfig,
-) -> Result<(), ConfigError> {
+/// Keyframes of an orthographic camera; a method, adaptive time or frames with a distorted lens.
+pub fn check_lenses(views: &[View], cameras: &[CameraInfo], config: &RunConfig) -> Result<(), ConfigError> {
+    if config.method.keyframes().is_some()
+        && let Some(view) = views.iter().find(|view| view.own_lens.is_parallel())
+    {
+        let name = cameras.get(view.camera).map_or("", |camera| &camera.name);
+        let remedy = format!("native or decoupled: camera '{name}' is orthographic");
+        return Err(ConfigError::new("method", config.method.name(), remedy));
+    }
     let Some(view) = views.iter().find(|view| view.distorted.is_some()) else { return Ok(()) };
     let name = cameras.get(view.camera).map_or("", |camera| &camera.name);
     let because = format!("camera '{name}' has a distorted lens");

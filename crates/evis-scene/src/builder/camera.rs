@@ -56,6 +56,12 @@ impl EventCamera {
         self
     }
 
+    /// An orthographic camera that shows `height` metres from its lower to its upper edge, and nothing farther than `far` metres.
+    pub fn orthographic(mut self, height: f64, far: f64) -> Self {
+        self.lens = Lens::Orthographic { height, far };
+        self
+    }
+
     /// Distortion of the lens, for [`EventCamera::intrinsics`].
     pub fn distortion(mut self, distortion: Distortion) -> Self {
         self.distortion = Some(distortion);

@@ -166,6 +166,14 @@ pub(crate) fn check_camera(camera: &EventCamera) -> Result<(), SceneError> {
             ));
         }
         positive("near", camera.near, "metres")?;
+        if let Lens::Orthographic { far, .. } = camera.lens
+            && far <= camera.near
+        {
+            return rule(format!(
+                "far is {far} and near {}; far takes metres beyond the near plane",
+                camera.near
+            ));
+        }
         for (what, threshold) in ["threshold_on", "threshold_off"].iter().zip(camera.thresholds) {
             if let Some(threshold) = threshold {
                 positive(what, threshold.into(), "a log contrast")?;

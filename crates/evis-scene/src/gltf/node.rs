@@ -252,17 +252,16 @@ fn read_camera(document: &Document, index: usize, node: usize, scene: &mut Scene
     let user = label("node", node, document.root.nodes.get(node).and_then(|n| n.name.as_ref()));
     let source = element(&document.root.cameras, "camera", index, &user)?;
     let what = label("camera", index, source.name.as_ref());
-    let (fov_y, aspect, near) = match (source.type_, &source.perspective, &source.orthographic) {
+    let (lens, aspect, near) = match (source.type_, &source.perspective, &source.orthographic) {
         (Checked::Valid(CameraType::Perspective), Some(p), _) => {
-            (f64::from(p.yfov), p.aspect_ratio.map(f64::from), f64::from(p.znear))
+            let lens = Lens::FieldOfView { fov_y: f64::from(p.yfov) };
+            (lens, p.aspect_ratio.map(f64::from), f64::from(p.znear))
         }
         (Checked::Valid(CameraType::Orthographic), _, Some(o)) => {
-            scene.warnings.push(format!(
-                "{what} is orthographic; it becomes a perspective one that sees as much halfway to its far plane"
-            ));
-            let middle = 0.5 * (f64::from(o.znear) + f64::from(o.zfar));
-            let near = f64::from(o.znear).max(middle * 1e-3);
-            (2.0 * f64::from(o.ymag).abs().atan2(middle), Some(f64::from(o.xmag / o.ymag).abs()), near)
+            let far = f64::from(o.zfar);
+            let lens = Lens::Orthographic { height: 2.0 * f64::from(o.ymag).abs(), far };
+            // glTF allows a near plane at 0.
+            (lens, Some(f64::from(o.xmag / o.ymag).abs()), f64::from(o.znear).max(1e-6 * far))
         }
         _ => return Err(format!("{what} has no lens of its type; perspective and orthographic work")),
     };
@@ -271,7 +270,7 @@ fn read_camera(document: &Document, index: usize, node: usize, scene: &mut Scene
     scene.cameras.push(Camera {
         aspect: aspect.filter(|a| a.is_finite() && *a > 0.0),
         near,
-        ..Camera::new(name, scene.nodes.len(), Lens::FieldOfView { fov_y })
+        ..Camera::new(name, scene.nodes.len(), lens)
     });
     Ok(())
 }

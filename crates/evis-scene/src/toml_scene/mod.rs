@@ -447,7 +447,7 @@ fn material_change(table: &mut Keys<'_>) -> Result<MaterialChange, SceneError> {
 fn lens(keys: &mut Keys<'_>, size: Option<[u32; 2]>) -> Result<Option<Lens>, SceneError> {
     let intrinsics = ["fx", "fy", "cx", "cy"];
     if intrinsics.iter().any(|key| keys.has(key)) {
-        keys.at_most_one(&["fov_y_degrees", "fx"])?;
+        keys.at_most_one(&["fov_y_degrees", "fx", "orthographic_height"])?;
         let mut values = [0.0; 4];
         // Square pixels and a centred image are what most cameras have.
         let centre = size.map(|[w, h]| [f64::from(w) / 2.0, f64::from(h) / 2.0]);
@@ -462,6 +462,16 @@ fn lens(keys: &mut Keys<'_>, size: Option<[u32; 2]>) -> Result<Option<Lens>, Sce
         }
         let [fx, fy, cx, cy] = values;
         return Ok(Some(Lens::Intrinsics { fx, fy, cx, cy }));
+    }
+    keys.at_most_one(&["fov_y_degrees", "orthographic_height"])?;
+    if let Some(height) = keys.number("orthographic_height")? {
+        let far = keys.number("far")?;
+        return Ok(Some(Lens::Orthographic { height, far: keys.needs("far", far)? }));
+    }
+    if keys.has("far") {
+        return Err(keys.error(
+            "far is given without orthographic_height; a perspective camera sees as far as there is anything",
+        ));
     }
     let degrees = keys.number("fov_y_degrees")?;
     Ok(degrees.map(|degrees| Lens::FieldOfView { fov_y: degrees.to_radians() }))
@@ -572,7 +582,9 @@ fn environment(mut keys: Keys<'_>, scene: &mut SceneBuilder) -> Result<(), Scene
         let camera = &scene.scene().cameras[index];
         let size = camera.width.zip(camera.height).map(|(w, h)| [w, h]);
         let Some(lens) = lens(&mut table, size)? else {
-            return Err(table.error("it has no lens; it takes fov_y_degrees, or fx, fy, cx, cy"));
+            return Err(table.error(
+                "it has no lens; it takes fov_y_degrees, or fx, fy, cx, cy, or orthographic_height and far",
+            ));
         };
         same = same.with_lens(index, lens);
         table.finish()?;

@@ -62,18 +62,32 @@ impl<'c, 's> Beam<'c, 's> {
         let known = camera.corners([x0, y0], [x1, y1]);
         let corners = known.unwrap_or_else(|| [camera.ray([0.5 * (x0 + x1), 0.5 * (y0 + y1)]); 4]);
         let origin = corners[0].origin;
-        let middle = corners.iter().map(|c| c.direction).sum::<DVec3>();
+        let parallel = camera.pinhole().lens.is_parallel();
+        let middle = 0.25 * corners.iter().map(|c| c.origin + c.direction).sum::<DVec3>();
         let sides = [0, 1, 2, 3].map(|k| {
-            let normal = corners[k].direction.cross(corners[(k + 1) % 4].direction);
-            let inward = if normal.dot(middle) < 0.0 { -normal } else { normal };
-            HalfSpace::through(origin, inward)
+            let (ray, next) = (&corners[k], &corners[(k + 1) % 4]);
+            let normal = if parallel {
+                ray.direction.cross(next.origin - ray.origin)
+            } else {
+                ray.direction.cross(next.direction)
+            };
+            let inward = if normal.dot(middle - ray.origin) < 0.0 { -normal } else { normal };
+            HalfSpace::through(ray.origin, inward)
         });
+        // The plane through a side of a triangle, and the apex of the beam or its direction.
+        let plane = |edge: [DVec3; 2]| {
+            if parallel {
+                (edge[1] - edge[0]).cross(corners[0].direction)
+            } else {
+                (edge[0] - origin).cross(edge[1] - origin)
+            }
+        };
         let forward = camera.pinhole().world_from_camera.transform_vector3(DVec3::NEG_Z);
         let depth = HalfSpace::through(origin, forward);
         let near = camera.pinhole().lens.near;
         let ends = corners.map(|c| c.origin + c.direction);
         let judge = |candidate: &Candidate| {
-            if beside(candidate, &|edge| (edge[0] - origin).cross(edge[1] - origin), &ends, 0.0) {
+            if beside(candidate, &plane, &ends, 0.0) {
                 return Place::Beside;
             }
             let shut = corners.iter().try_fold(0.0_f64, |shut, ray| {
@@ -97,8 +111,13 @@ impl<'c, 's> Beam<'c, 's> {
     ) -> Option<f64> {
         let apart = |a: [f64; 2], b: [f64; 2]| (a[0] - b[0]).hypot(a[1] - b[1]);
         let mut most = 0.0_f64;
-        // The sky.
-        for ray in &self.corners {
+        // The sky. Parallel rays show one point of it, which a turn exchanges.
+        let parallel = self.camera.pinhole().lens.is_parallel();
+        let axis = |camera: &dyn Projection| camera.pinhole().world_from_camera.z_axis;
+        if parallel && axis(self.camera) != axis(camera) {
+            return None;
+        }
+        for ray in self.corners.iter().filter(|_| !parallel) {
             let here = self.camera.project_direction(ray.direction)?;
             most = most.max(apart(here, camera.project_direction(ray.direction)?));
         }

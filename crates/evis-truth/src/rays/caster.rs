@@ -307,13 +307,11 @@ impl<'a> RayCaster<'a> {
     }
 
     fn visible(&self, camera: &dyn Projection, ray: &Ray, list: Option<&dyn Shortlist>) -> Option<Hit> {
-        let mut accept = |hit: &Hit| self.accepts(hit, ray);
+        let (near, far) = (camera.pinhole().lens.near, camera.pinhole().lens.far());
+        let mut accept = |hit: &Hit| hit.distance <= far && self.accepts(hit, ray);
         match list {
-            Some(list) => list.nearest(ray, camera.pinhole().lens.near, &mut accept),
-            None => {
-                let near = camera.pinhole().lens.near;
-                self.geometry.nearest(ray.origin, ray.direction, near, f64::INFINITY, accept)
-            }
+            Some(list) => list.nearest(ray, near, &mut accept),
+            None => self.geometry.nearest(ray.origin, ray.direction, near, far, accept),
         }
     }
 
@@ -399,25 +397,27 @@ impl<'a> RayCaster<'a> {
         let uv = turn(blend(hit, [a, b, c])) + DVec2::new(m2, m5);
         let footprint = match filter {
             TextureFilter::BaseLevel => [DVec2::ZERO; 2],
-            TextureFilter::Mipmapped { .. } | TextureFilter::Averaged { .. } => ray.per_pixel.map(|change| {
-                let [da, db, dc] = self.barycentric_change(hit, ray, change);
+            TextureFilter::Mipmapped { .. } | TextureFilter::Averaged { .. } => [0, 1].map(|axis| {
+                let [da, db, dc] = self.barycentric_change(hit, ray, axis);
                 turn(a * da + b * db + c * dc)
             }),
         };
         Some(self.textures.sample(self.scene, texture.texture, uv, footprint, filter))
     }
 
-    /// Change of the barycentrics of `hit` where the ray's direction changes by `change`: exact, on the triangle's
-    /// plane.
-    fn barycentric_change(&self, hit: &Hit, ray: &Ray, change: DVec3) -> [f64; 3] {
+    /// Change of the barycentrics of `hit` per pixel to the right (`axis` 0) or down (1): exact, on the triangle's plane.
+    fn barycentric_change(&self, hit: &Hit, ray: &Ray, axis: usize) -> [f64; 3] {
+        let (change, shift) = (ray.per_pixel[axis], ray.shift[axis]);
         let [a, b, c] = self.geometry.corners(hit.triangle).map(|v| v.position);
         let (ab, ac) = (b - a, c - a);
         let (s, q) = (ray.origin - a, (ray.origin - a).cross(ab));
-        // u = U(d) / D(d), v = V(d) / D(d), each linear in the direction.
+        // u = U(s, d) / D(d), v = V(s, d) / D(d), each linear in origin and direction.
         let determinant = ab.dot(ray.direction.cross(ac));
         let slope = ab.dot(change.cross(ac));
-        let u = (s.dot(change.cross(ac)) - hit.barycentric[1] * slope) / determinant;
-        let v = (change.dot(q) - hit.barycentric[2] * slope) / determinant;
+        let u = (s.dot(change.cross(ac)) + shift.dot(ray.direction.cross(ac)) - hit.barycentric[1] * slope)
+            / determinant;
+        let v =
+            (change.dot(q) + ray.direction.dot(shift.cross(ab)) - hit.barycentric[2] * slope) / determinant;
         [-u - v, u, v]
     }
 
@@ -506,7 +506,8 @@ impl<'a> RayCaster<'a> {
         list: Option<&dyn Shortlist>,
     ) -> bool {
         let start = Self::start(position);
-        let ray = Ray { origin: position, direction: incident.to_light, per_pixel: [DVec3::ZERO; 2] };
+        let none = [DVec3::ZERO; 2];
+        let ray = Ray { origin: position, direction: incident.to_light, per_pixel: none, shift: none };
         let mut accept = |h: &Hit| h.triangle != hit.triangle && self.solid(h, &ray);
         match list {
             Some(list) => list.any(&ray, hit.triangle, lamp, [start, incident.distance], &mut accept),

@@ -1,6 +1,6 @@
-//! Cameras at one instant: a pinhole, and one whose lens is distorted.
+//! Cameras at one instant: a pinhole or an orthographic one, and one whose lens is distorted.
 
-use evis_scene::{CalibratedLens, LensModel, PixelLens};
+use evis_scene::{CalibratedLens, LensModel, PixelLens, PixelRay, Rays};
 use glam::{DMat4, DVec2, DVec3};
 
 /// Points along each side of a rectangle of the picture at which a distorted lens is asked for its rays.
@@ -29,13 +29,17 @@ pub trait Projection: Sync {
         self.project_camera(self.pinhole().world_from_camera.inverse().transform_point3(world))
     }
 
-    /// Image point of what lies infinitely far in world direction `direction`.
+    /// Image point of what lies infinitely far in world direction `direction`; `None` also where rays are parallel, since all
+    /// of a picture shows one point of the sky then, or none.
     fn project_direction(&self, direction: DVec3) -> Option<[f64; 2]> {
+        if self.pinhole().lens.is_parallel() {
+            return None;
+        }
         self.project_camera(self.pinhole().world_from_camera.inverse().transform_vector3(direction))
     }
 }
 
-/// A pinhole camera, looking along its own -Z; pixels grow right and down from the top left, centres at +0.5.
+/// A camera without distortion, looking along its own -Z; pixels grow right and down from the top left, centres at +0.5.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Pinhole {
     /// Rigid pose.
@@ -47,18 +51,33 @@ pub struct Pinhole {
 /// A ray through a pixel. `direction` has planar depth 1, so a parameter along it is planar depth.
 #[derive(Clone, Copy, Debug)]
 pub struct Ray {
-    /// World position of the camera.
+    /// World position at planar depth 0: of a pinhole, the camera.
     pub origin: DVec3,
     /// World direction, 1 along the optical axis.
     pub direction: DVec3,
     /// Change of `direction` per pixel to the right and per pixel down.
     pub per_pixel: [DVec3; 2],
+    /// Change of `origin` per pixel to the right and per pixel down: of parallel rays.
+    pub shift: [DVec3; 2],
 }
 
 impl Pinhole {
     /// The ray through image point `pixel`.
     pub fn ray(&self, pixel: [f64; 2]) -> Ray {
-        self.ray_through(&self.lens.pinhole(), pixel)
+        match self.lens.rays {
+            Rays::Central => self.ray_through(&self.lens.pinhole(), pixel),
+            Rays::Parallel { .. } => {
+                let PixelRay { origin, direction } = self.lens.ray(pixel.into());
+                let rotate = |v: DVec3| self.world_from_camera.transform_vector3(v);
+                let [x, y] = self.lens.focal;
+                Ray {
+                    origin: self.world_from_camera.transform_point3(origin),
+                    direction: rotate(direction),
+                    per_pixel: [DVec3::ZERO; 2],
+                    shift: [DVec3::X / x, DVec3::NEG_Y / y].map(rotate),
+                }
+            }
+        }
     }
 
     /// The ray through image point `pixel` of `lens`, from this camera's place.
@@ -70,6 +89,7 @@ impl Pinhole {
             origin: self.world_from_camera.w_axis.truncate(),
             direction: rotate(direction),
             per_pixel: per_pixel.map(|d| rotate(d.extend(0.0))),
+            shift: [DVec3::ZERO; 2],
         }
     }
 
@@ -94,7 +114,7 @@ impl Projection for Pinhole {
     }
 
     fn project_camera(&self, point: DVec3) -> Option<[f64; 2]> {
-        self.lens.pinhole().project(point).map(Into::into)
+        self.lens.project(point).map(Into::into)
     }
 
     fn corners(&self, [x0, y0]: [f64; 2], [x1, y1]: [f64; 2]) -> Option<[Ray; 4]> {

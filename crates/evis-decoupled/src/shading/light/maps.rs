@@ -78,7 +78,7 @@ impl Lighting<'_> {
     ) -> Option<u32> {
         let surface = self.world.facets[record.facet as usize].surface as usize;
         self.answers[surface].maps.as_ref()?;
-        let picture = Picture::new(record, index, self.world.seen(), self.world.lens.near)?;
+        let picture = Picture::new(record, index, self.world.seen(), &self.depths)?;
         let first = tile.pictures.len() as u32;
         tile.pictures.extend((0..intervals.max(1)).map(|interval| picture.during(interval, intervals)));
         Some(first)

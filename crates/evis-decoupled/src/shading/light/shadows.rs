@@ -23,6 +23,7 @@ impl Lighting<'_> {
     pub(super) fn prepare_shadows(&mut self, clock: &mut Clock, first: bool) -> Result<(), Error> {
         let world = self.world;
         let frames = clock.thirds()?;
+        self.depths = frames[0].depths;
         self.screen = frames.each_ref().map(|f| f.screen_from_world);
         let lamps: [Vec<Lamp>; 3] =
             frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
@@ -30,15 +31,8 @@ impl Lighting<'_> {
         self.lamp_places.clear();
         for &index in &self.own {
             let (_, weight) = lamps[0][index].place();
-            let h = [0, 1, 2].map(|k| {
-                let place = lamps[k][index].place().0;
-                if weight == 0.0 {
-                    self.screen[k].transform_vector3(place)
-                } else {
-                    self.screen[k].transform_point3(place)
-                }
-            });
-            self.screen_lamps.push(ScreenLamp::new(h, weight));
+            let h = [0, 1, 2].map(|k| self.screen[k].place(lamps[k][index].place().0, weight));
+            self.screen_lamps.push(ScreenLamp::new(h));
             self.lamp_places.push([0, 1, 2].map(|k| lamps[k][index].place().0));
         }
         let shadows = self.own.iter().any(|k| self.lamps[0][*k].casts_shadow);
@@ -415,13 +409,13 @@ impl Lighting<'_> {
 
     /// Pixels of a tile whose centres a facet covers at the start of its span.
     pub(super) fn centres(&self, record: &Record, view: &TileView) -> u64 {
-        Sight::new(record, view, 0.0, self.world.lens.near).map_or(0, |sight| sight.centres())
+        Sight::new(record, view, 0.0, &self.depths).map_or(0, |sight| sight.centres())
     }
 
     /// A facet as a tile sees it at the start, middle and end of its span, with the tile's side as unit.
     pub(super) fn receivers(&self, record: &Record, view: &TileView) -> [Option<Sight>; 3] {
         let view = view.in_units_of(TILE as f64);
-        [0.0, 0.5, 1.0].map(|v| Sight::new(record, &view, v, self.world.lens.near))
+        [0.0, 0.5, 1.0].map(|v| Sight::new(record, &view, v, &self.depths))
     }
 
     /// What a still facet hides from lamp `number`, which is still.
@@ -463,7 +457,7 @@ impl Lighting<'_> {
         let h = f.corners.map(|c| {
             [0, 1, 2].map(|k| {
                 let place = if moves { places[k] } else { places[0] };
-                self.screen[k].transform_point3(place[c as usize].0)
+                self.screen[k].point(place[c as usize].0)
             })
         });
         Occluder::new(facet, h)

@@ -58,7 +58,7 @@ fn nothing_that_darkens_is_left_out(
                 continue;
             }
             let frame = tile.view.pixel(pixel);
-            let Some(sight) = Sight::new(record, &tile.view, u, world.lens.near) else { continue };
+            let Some(sight) = Sight::new(record, &tile.view, u, &lighting.depths) else { continue };
             let Some(fragment) = sight.at(entry.record, &frame, false) else { continue };
             let lamp = &lighting.screen_lamps[0];
             let shade = slot.shades[0];

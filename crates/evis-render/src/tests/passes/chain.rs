@@ -9,7 +9,7 @@ use evis_core::sensor::{
 use evis_core::{
     Cause, EmulatorConfig, Event, EventEmulator, FrameData, Frames, SensorConfig, Times, TriggerRule,
 };
-use evis_scene::PixelLens;
+use evis_scene::{PixelLens, Rays};
 
 use crate::config::grid::SampleGrid;
 use crate::gpu::Gpu;
@@ -63,7 +63,14 @@ struct Ran {
 }
 
 fn view(index: usize, sensor: &SensorConfig) -> View {
-    let lens = PixelLens { width: WIDTH, height: HEIGHT, focal: [50.0; 2], center: [30.0; 2], near: 0.1 };
+    let lens = PixelLens {
+        width: WIDTH,
+        height: HEIGHT,
+        focal: [50.0; 2],
+        center: [30.0; 2],
+        near: 0.1,
+        rays: Rays::Central,
+    };
     View {
         environment: index,
         camera: 0,

@@ -7,7 +7,7 @@
 use std::sync::Arc;
 
 use evis_core::{LabelData, LabelFrame, LabelKind};
-use evis_scene::{Lens, PixelLens, Scene, SceneState};
+use evis_scene::{Lens, PixelLens, Rays, Scene, SceneState};
 use glam::DVec3;
 
 use crate::config::{Antialias, RunConfig, Shadows};
@@ -75,13 +75,15 @@ fn state_at(scene: &Scene, t_us: i64) -> SceneState {
 fn pinhole(scene: &Scene, state: &SceneState) -> Pinhole {
     let camera = &scene.cameras[0];
     let (w, h) = (f64::from(WIDTH), f64::from(HEIGHT));
-    let (focal, center) = match camera.lens {
-        Lens::FieldOfView { fov_y } => ([h / (2.0 * (fov_y / 2.0).tan()); 2], [w / 2.0, h / 2.0]),
-        Lens::Intrinsics { fx, fy, cx, cy } => ([fx, fy], [cx, cy]),
+    let middle = [w / 2.0, h / 2.0];
+    let (focal, center, rays) = match camera.lens {
+        Lens::FieldOfView { fov_y } => ([h / (2.0 * (fov_y / 2.0).tan()); 2], middle, Rays::Central),
+        Lens::Intrinsics { fx, fy, cx, cy } => ([fx, fy], [cx, cy], Rays::Central),
+        Lens::Orthographic { height, far } => ([h / height; 2], middle, Rays::Parallel { far }),
     };
     Pinhole {
         world_from_camera: scene.world_from_camera(0, state).unwrap(),
-        lens: PixelLens { focal, center, width: WIDTH, height: HEIGHT, near: camera.near },
+        lens: PixelLens { focal, center, width: WIDTH, height: HEIGHT, near: camera.near, rays },
     }
 }
 
@@ -333,6 +335,18 @@ fn image_based_light_equals_its_twin() {
 }
 
 #[test]
+fn orthographic_cameras_equal_their_twin() {
+    let canaries: &[fn(&mut Scene)] = &[scenes::wrong_camera, scenes::wrong_roughness, scenes::wrong_planes];
+    check("orthographic", Case { scene: scenes::orthographic_glossy, canaries, ..Case::default() });
+    let canaries: &[fn(&mut Scene)] = &[scenes::wrong_environment_rotation];
+    let sky = Case { scene: scenes::orthographic_environment, tolerance: 0.003, ..Case::default() };
+    check("orthographic, sky", Case { canaries, ..sky });
+    let canaries: &[fn(&mut Scene)] = &[scenes::wrong_caster];
+    let shadow = Case { scene: scenes::orthographic_sunlight, shadow_reach: Some(REACH), ..Case::default() };
+    check("orthographic, shadow", Case { canaries, shadows: Shadows::Rays, ..shadow });
+}
+
+#[test]
 fn masked_surfaces_equal_their_twin() {
     let canaries: &[fn(&mut Scene)] = &[scenes::wrong_cutoff];
     check("masked", Case { scene: scenes::masked, canaries, reach: 0.05, ..Case::default() });
@@ -573,6 +587,22 @@ fn labels_equal_their_twin() {
         *normal = [normal[0], normal[2], normal[1]];
     }
     compare_labels(&other, &scene, &labels, 0).pictures.assert_different("swapped normals");
+}
+
+#[test]
+fn labels_of_an_orthographic_camera_equal_their_twin() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let scene = Arc::new(scenes::orthographic(scenes::moving(2.5), 2.5, [0.1, 12.0]));
+    let labels = render_labels(&gpu, &scene);
+    for t_us in [0, LABEL_US] {
+        let got = compare_labels(&scene, &scene, &labels, t_us);
+        got.pictures.assert_equal(&format!("orthographic labels at {t_us} us"), 0.25);
+        let [surface, sky, none] = got.flows;
+        assert!(surface > 150 && sky == 0 && none > 300, "{surface}, {sky}, {none}: the sky has no flow");
+    }
+    let mut other = Scene::clone(&scene);
+    scenes::wrong_camera(&mut other);
+    compare_labels(&scene, &other, &labels, LABEL_US).pictures.assert_different("camera");
 }
 
 #[test]

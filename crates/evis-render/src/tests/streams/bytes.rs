@@ -171,6 +171,7 @@ pub(super) fn otherwise(scene: &Scene, variant: Variant) -> Variant {
         Lens::Intrinsics { fx, fy, cx, cy } => {
             Lens::Intrinsics { fx: 1.3 * fx, fy: 1.2 * fy, cx: cx + 2.0, cy }
         }
+        Lens::Orthographic { height, far } => Lens::Orthographic { height: 0.8 * height, far },
     };
     let light = |light: &Light| LightFactors { intensity: 0.6 * light.intensity, ..light.factors() };
     let material = |material: &Material| {
