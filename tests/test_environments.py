@@ -76,11 +76,17 @@ def test_an_environment_that_is_otherwise_changes_no_other(device: evis.Device, 
 
 
 @pytest.mark.parametrize("name", SETTINGS)
-def test_a_reset_gives_an_environment_lights_and_lenses_of_its_own(device: evis.Device, name: str) -> None:
+@pytest.mark.parametrize(
+    "lens",
+    [{"fx": 40.0, "fy": 38.0, "cx": 22.0, "cy": 14.0}, {"orthographic_height": 1.6, "far": 2.6}],
+    ids=["perspective", "orthographic"],
+)
+def test_a_reset_gives_an_environment_lights_and_lenses_of_its_own(
+    device: evis.Device, name: str, lens: dict[str, float]
+) -> None:
     plain, sim = simulator(device, name), simulator(device, name)
     run(plain, 0, 3)
     run(sim, 0, 3)
-    lens = {"fx": 40.0, "fy": 38.0, "cx": 22.0, "cy": 14.0}
     sim.reset([1], poses={"cube": pose(-0.3)}, lights={"lamp": {"intensity": 3.0}}, lenses={"eye": lens})
     expected, got = run(plain, 3, 6, start=3), run(sim, 3, 6, start=3)
     for environment in (0, 2):
@@ -97,7 +103,8 @@ def test_a_reset_gives_an_environment_lights_and_lenses_of_its_own(device: evis.
         assert abs(len(shifted) - len(own)) < 0.05 * len(own)
     assert len(own) > 100
     assert not np.array_equal(got[1], expected[1]), "canary"
-    assert sim.cameras_of(1)[0].fx == 40.0
+    fx = sim.cameras_of(1)[0].fx
+    assert fx == 40.0 if "fx" in lens else np.isnan(fx)
     assert sim.cameras_of(0) == plain.cameras
 
 
@@ -157,6 +164,9 @@ def test_a_light_moves_by_its_pose(device: evis.Device) -> None:
         ({"lenses": {"eye": {"fx": 50.0}}}, "all of"),
         ({"lenses": {"eye": {"fx": 0.0, "fy": 1.0, "cx": 1.0, "cy": 1.0}}}, "fx is 0"),
         ({"lenses": {"eye": {"focal": 50.0}}}, "'focal'; it takes"),
+        ({"lenses": {"eye": {"orthographic_height": 1.0}}}, "both of"),
+        ({"lenses": {"eye": {"orthographic_height": -1.0, "far": 9.0}}}, "orthographic_height is -1"),
+        ({"lenses": {"eye": {"orthographic_height": 1.0, "far": 0.01}}}, "far plane at 0.01 m"),
         ({"lenses": {"eye": 50.0}}, "must be a mapping"),
     ],
 )

@@ -227,6 +227,40 @@ def test_pixels_reach_the_screen(device: evis.Device):
     assert np.allclose(corners, pixels.reshape(4, 3), atol=1e-3)
 
 
+def test_an_orthographic_camera_shows_one_scale_at_any_depth(device: evis.Device):
+    builder = evis.SceneBuilder("cards")
+    for name, x, z, color in (
+        ("near", -0.5, 0.0, (1, 0, 0)),
+        ("far", 0.5, -4.0, (0, 1, 0)),
+        ("beyond", 0, -9, (0, 0, 1)),
+    ):
+        builder.material(name, model="unlit", color=color)
+        builder.card(name, size=(0.5, 0.5), material=name, pose=Placement(position=(x, 0, z)))
+    eye = {"name": "eye", "width": 40, "height": 20, "pose": Placement(position=(0, 0, 2))}
+    builder.camera(evis.EventCamera(orthographic_height=1.0, far=8.0, **eye))
+    scene = builder.build()
+    sim = evis.Simulator(scene, labels=["hdr", "depth"], samples=1, device=device)
+    assert np.isnan(sim.cameras[0].fx)
+    labels = sim.step(1_000).labels
+    image, depth = labels["hdr"].images[0], labels["depth"].data[0]
+    for column, plane, away in ((5, 0, 2.0), (25, 1, 6.0)):
+        shown = np.argwhere(image[..., plane] > 0.5)
+        assert shown.min(0).tolist() == [5, column]
+        assert shown.max(0).tolist() == [14, column + 9]
+        assert np.allclose(depth[10, column + 5], away, rtol=1e-5)
+    assert not (image[..., 2] > 0).any()
+    for method in ("splat", "evis-paper"):
+        with pytest.raises(evis.ConfigError, match="'eye' is orthographic"):
+            evis.Simulator(scene, method=method, device=device).step(1_000)
+    for wrong, message in (
+        ({"orthographic_height": 1.0}, "'far' is missing"),
+        ({"orthographic_height": 1.0, "far": 8.0, "fov_y_degrees": 40.0}, "exclude each other"),
+        ({"far": 8.0}, "without orthographic_height"),
+    ):
+        with pytest.raises(evis.EvisError, match=message):
+            scene.with_cameras([evis.EventCamera(**{**eye, "name": "other"}, **wrong)])
+
+
 def test_cameras_hang_on_nodes():
     scene = everything().build()
     more = scene.with_cameras([evis.EventCamera(name="third", pose=Placement(parent="rig"))])

@@ -1,5 +1,7 @@
 //! Random scenes against exact samples: what is seen must be in its tile's list, and areas must be right.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 use std::sync::Arc;
 
 use evis_decoupled::scene::screen::Depths;
