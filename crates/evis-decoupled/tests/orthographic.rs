@@ -159,3 +159,19 @@ fn the_sky_is_one_point_and_changes_by_turns_alone() {
     println!("F1 {found:.4} of {events}");
     assert!(events >= 48 && found > 0.97, "{found:.4} of {events}");
 }
+
+#[test]
+fn what_a_plane_cuts_moves_though_nothing_else_does() {
+    // A bright card aslant goes along the axis at 3 m/s: the border where the far plane cuts it sweeps the picture.
+    let mut scene = Scene { background: [0.1; 3], ..Scene::default() };
+    let bright = Material { emissive: [0.9; 3], base_color: [0.0, 0.0, 0.0, 1.0], ..Material::default() };
+    let aslant = DQuat::from_rotation_y(0.9);
+    let along = DVec3::new(0.0, 0.0, -3.0);
+    add(&mut scene, Shape::Card { size: [3.0, 3.0] }, bright, path(DVec3::Z * -3.0, aslant, along, 0.0));
+    let node = scene.add_node(Node::default());
+    scene.cameras.push(camera(node, Lens::Orthographic { height: 1.5, far: 3.2 }));
+    let (asked, truth) = truth_of(&scene, SIZE, 150_000, 150);
+    let (found, count) = f1(&scene, &asked, &truth);
+    println!("F1 {found:.4} of {count}");
+    assert!(found > 0.98 && count > 2000, "{found:.4} of {count}");
+}

@@ -178,8 +178,12 @@ impl Evaluator<'_> {
                 let (from, to) = (record.rect[k].max(rect[k]), record.rect[k + 2].min(rect[k + 2]));
                 0.5 * (from + to)
             });
+            if record.still {
+                return 0.0;
+            }
+            let cut = Sight::cut_motion(record, &work.view, &self.lists.depths);
             // Margin for what lies elsewhere in the tile.
-            if record.still { 0.0 } else { 1.25 * scale * record.motion_px(at) / (record.u[1] - record.u[0]) }
+            (1.25 * scale * record.motion_px(at)).max(cut) / (record.u[1] - record.u[0])
         }));
         self.lighting.enter_tile(&mut work.light, entries, tile);
         work.background_motion = self.lighting.background_motion(&work.light);

@@ -208,6 +208,29 @@ impl Sight {
         pixels_above(&d, reach, self.margin).1
     }
 
+    /// How far, in pixels, the borders move that planes before or behind which nothing is seen cut into `record` in a tile during
+    /// its span, at most twice the tile's side. What is cut may move along the rays, and nowhere in the picture.
+    pub fn cut_motion(record: &Record, view: &TileView, depths: &Depths) -> f64 {
+        if !record.crosses_near && !record.crosses_far {
+            return 0.0;
+        }
+        let tile = TILE as f64;
+        let [first, middle, last] = [0.0, 0.5, 1.0].map(|v| Self::new(record, view, v, depths));
+        let (Some(first), Some(middle), Some(last)) = (first, middle, last) else { return 2.0 * tile };
+        let moved = |plane: usize| {
+            // How far the tile's centre lies inside the border; infinitely far where all of the facet has one depth.
+            let inside = |sight: &Self| {
+                let Line { a, b, c } = sight.planes[plane]?;
+                Some((c / a.hypot(b)).clamp(-1e6, 1e6))
+            };
+            let [Some(a), Some(b), Some(c)] = [&first, &middle, &last].map(inside) else { return 0.0 };
+            let comes_near = [a, b, c].into_iter().any(|place| place.abs() < tile);
+            let passes = a.signum() != b.signum() || b.signum() != c.signum();
+            if comes_near || passes { ((b - a).abs() + (c - b).abs()).min(2.0 * tile) } else { 0.0 }
+        };
+        moved(0).max(moved(1))
+    }
+
     /// `record` as a tile sees it at `v` of its span; `None` where nobody does.
     pub fn new(record: &Record, view: &TileView, v: f64, depths: &Depths) -> Option<Self> {
         let [p, q, r] = &record.points;

@@ -2,7 +2,7 @@
 // The prelude declares LIGHT_CAPACITY: the scene's lights, at least 1.
 // One view at one instant. Twin: gpu/uniforms.rs, Frame.
 struct Frame {
-    // Camera axes in world space; w of right, up, back: camera position x, y, z, or of parallel rays the way to the camera.
+    // Camera axes in world space; w of right, up, back: camera position x, y, z.
     world_from_camera_right: vec4<f32>,
     world_from_camera_up: vec4<f32>,
     world_from_camera_back: vec4<f32>,
@@ -54,7 +54,7 @@ struct Share {
 fn to_camera(position: vec3<f32>) -> vec3<f32> {
     let eye = vec3<f32>(
         frame.world_from_camera_right.w, frame.world_from_camera_up.w, frame.world_from_camera_back.w);
-    return eye - position * frame.depth.x;
+    return select(frame.world_from_camera_back.xyz, eye - position, frame.depth.x > 0.5);
 }
 
 // 1 / planar depth of a fragment.

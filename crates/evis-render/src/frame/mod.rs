@@ -401,9 +401,10 @@ fn instance_record(world: &DMat4, clip: &DMat4) -> InstanceRecord {
 }
 
 fn frame(scene: &Scene, view: &View, world_from_camera: &DMat4, shared: &Shared) -> Frame {
-    let (p, depth) = match view.lens.rays {
-        Rays::Central => (world_from_camera.w_axis, [1.0, 0.0, 0.0, 0.0]),
-        Rays::Parallel { far } => (world_from_camera.z_axis, [0.0, far, far - view.lens.near, 0.0]),
+    let p = world_from_camera.w_axis;
+    let depth = match view.lens.rays {
+        Rays::Central => [1.0, 0.0, 0.0, 0.0],
+        Rays::Parallel { far } => [0.0, far, far - view.lens.near, 0.0],
     };
     let axis = |a: glam::DVec4, w: f64| [a.x as f32, a.y as f32, a.z as f32, w as f32];
     let [r, g, b] = scene.background;

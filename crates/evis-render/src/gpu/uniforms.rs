@@ -9,11 +9,11 @@ use crate::gpu::sizes::MAX_INSTANTS;
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Frame {
-    /// Camera's x axis; w: camera position x, or of parallel rays the way to the camera, x.
+    /// Camera's x axis; w: camera position x.
     pub world_from_camera_right: [f32; 4],
-    /// Camera's y axis; w: the same, y.
+    /// Camera's y axis; w: camera position y.
     pub world_from_camera_up: [f32; 4],
-    /// Camera's z axis (it looks along the opposite); w: the same, z.
+    /// Camera's z axis (it looks along the opposite); w: camera position z.
     pub world_from_camera_back: [f32; 4],
     /// Direction = ndc * (x, y) + (z, w).
     pub ray: [f32; 4],

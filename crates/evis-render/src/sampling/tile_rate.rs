@@ -187,7 +187,13 @@ impl TileRateEstimator {
             let activity = Activity::Moves(body);
             let deviations = scenery.deviations(activity);
             for part in &self.pieces[o].boxes {
-                let speed = speed(view, &view.track(gpu_scene, activity, part), &deviations);
+                let track = view.track(gpu_scene, activity, part);
+                let see = |(k, points): (usize, &[DVec3])| depths(view.camera_from_world[k], points);
+                let speed = if moving_cut(view.lens, track.iter().map(see)) {
+                    f64::INFINITY
+                } else {
+                    speed(view, &track, &deviations)
+                };
                 let cover = scenery.follow(activity, part, &deviations);
                 needs.add(cover.tiles(), (speed / self.step_px).max(glow));
             }
@@ -239,6 +245,10 @@ impl TileRateEstimator {
                     Hull::Rigid(extent) => (*extent, *world),
                     Hull::Deforming(_) => (bounds(points.points()), DMat4::IDENTITY),
                 };
+                let by_time = moments.iter().map(|&k| depths(view.camera_from_world[k], points.points()));
+                if moving_cut(lens, by_time) {
+                    needs.add(tiles_of(area.grown(MARGIN_PX), columns, rows), f64::INFINITY);
+                }
                 for camera in ends.map(|k| view.camera_from_world[k]) {
                     grid.add(&seen(points.points(), camera, lens), &extent, &(*camera * world));
                 }
@@ -274,6 +284,24 @@ fn light_change(a: &LightRecord, b: &LightRecord) -> f64 {
 
 fn log_change(a: f32, b: f32) -> f64 {
     if a == b { 0.0 } else { (f64::from(a) / f64::from(b)).ln().abs() }
+}
+
+/// Planar depths of `points` of the world.
+fn depths(camera_from_world: &DMat4, points: &[DVec3]) -> Vec<f64> {
+    points.iter().map(|p| -camera_from_world.transform_point3(*p).z).collect()
+}
+
+/// Whether a plane of an orthographic camera cuts the hull of points of these depths at some time, and where it does so changes:
+/// the border of the cut moves though its points may go along the rays and move nowhere in the picture.
+fn moving_cut(lens: &PixelLens, depths: impl Iterator<Item = Vec<f64>>) -> bool {
+    if !lens.is_parallel() {
+        return false;
+    }
+    let times: Vec<Vec<f64>> = depths.collect();
+    let all = || times.iter().flatten().copied();
+    let (low, high) = (all().fold(f64::INFINITY, f64::min), all().fold(f64::NEG_INFINITY, f64::max));
+    let cuts = |plane: f64| low < plane && plane < high;
+    (cuts(lens.near) || cuts(lens.far())) && times.windows(2).any(|pair| pair[0] != pair[1])
 }
 
 /// How fast the fastest point of a part goes: pixels per instant. Infinite where it passes the camera.

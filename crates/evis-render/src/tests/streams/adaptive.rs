@@ -1,6 +1,11 @@
 //! Sampling each tile at its own rate gives what sampling everything at that rate gives.
 
 use evis_core::{Event, SensorConfig};
+use evis_scene::builder::{EventCamera, Labels, Placement, SceneBuilder};
+use evis_scene::motion::Path;
+use evis_scene::primitive::Shape;
+use evis_scene::{Material, Mesh, Primitive, Trs};
+use glam::{DQuat, DVec3};
 
 use crate::config::Antialias;
 
@@ -104,5 +109,34 @@ fn a_coarser_rate_keeps_close_to_the_finest() {
         };
         let (close, far) = (found(&adaptive), found(&coarse));
         assert!(close > 0.9 && far < close - 0.05, "{name}: {close:.3}, canary {far:.3}");
+    }
+}
+
+#[test]
+fn what_a_plane_of_an_orthographic_camera_cuts_is_sampled_as_it_moves() {
+    let Some(gpu) = crate::tests::device() else { return };
+    // A card aslant, or the camera, goes along the rays: nothing moves in the picture but the border of the cut.
+    let along = |velocity: f64| {
+        let start = Trs::default();
+        Path::ConstantVelocity { start, velocity: DVec3::NEG_Z * velocity }
+    };
+    for (card_velocity, camera_velocity) in [(3.0, 0.0), (0.0, 3.0)] {
+        let mut s = SceneBuilder::new("cut");
+        s.background([0.1; 3]).unwrap();
+        let bright = s.material(Material::unlit("bright").colored([0.9; 3])).unwrap();
+        let card =
+            Primitive { material: bright, ..Shape::Card { size: [3.0, 3.0] }.build(None, [1.0; 2]).unwrap() };
+        let mesh = s.mesh(Mesh { primitives: vec![card], ..Mesh::default() }).unwrap();
+        let aslant = DQuat::from_rotation_y(0.9);
+        let place = Placement::at([0.0, 0.0, -3.0]).turned(aslant).moving(along(card_velocity));
+        s.object("card", mesh, Labels::default(), place).unwrap();
+        let eye = EventCamera::new("eye").orthographic(1.5, 3.2);
+        s.camera(eye, Placement::default().moving(along(camera_velocity))).unwrap();
+        let scene = std::sync::Arc::new(s.build().unwrap());
+        let native = run(&gpu, &scene, &config(None, 1000.0), 16_000);
+        let finest = run(&gpu, &scene, &config(Some(1e-9), 1000.0), 16_000);
+        let (count, expected) = (finest.events[0].len(), native.events[0].len());
+        assert!(expected > 500, "{card_velocity}: {expected}");
+        assert!(finest.events == native.events, "{card_velocity}: {count} and {expected}");
     }
 }
