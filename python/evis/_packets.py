@@ -38,7 +38,7 @@ class CameraInfo:
     width, height : int
         Pixels.
     fx, fy : float
-        Focal lengths in pixels.
+        Focal lengths in pixels; NaN, as cx and cy, where the lens is not known or orthographic.
     cx, cy : float
         Principal point in pixels from the left and the top edge; OpenCV, ROS and DSEC want 0.5 less.
     distortion_model : str, optional

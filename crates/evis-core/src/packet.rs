@@ -45,7 +45,7 @@ impl CameraInfo {
         Self { name: name.into(), width, height, fx, fy, cx, cy, distortion }
     }
 
-    /// A camera whose lens is not known: focal lengths and principal point are NaN.
+    /// A camera whose lens is not known, or orthographic: focal lengths and principal point are NaN.
     pub fn uncalibrated(name: impl Into<String>, (width, height): (u32, u32)) -> Self {
         Self::new(name, (width, height), [f64::NAN; 2], [f64::NAN; 2], None)
     }

@@ -356,7 +356,8 @@ pub struct Regions {
 }
 
 impl Regions {
-    /// Finds what each of `fragments` covers of the pixel, which is evaluated at their number and at [`Regions::areas`].
+    /// Finds what each of `fragments` covers of the pixel: its moments in [`Regions::areas`], and its polygons in
+    /// [`Regions::regions`].
     ///
     /// `neighbors` are those of [`crate::scene::world::World`]; `plain` says that of a fragment that fills the pixel behind all
     /// others the moments suffice, so that there need not be regions of it.
@@ -417,7 +418,10 @@ impl Regions {
             for name in outline.inner() {
                 let beyond =
                     if name == PLANE { ALONE } else { neighbors[fragment.facet as usize][name as usize] };
-                let Some(other) = (beyond != ALONE).then(|| number(beyond)).flatten() else { return false };
+                let other = (beyond != ALONE).then(|| number(beyond)).flatten();
+                let Some(other) = other.filter(|other| fragments[*other].front == fragment.front) else {
+                    return false;
+                };
                 waiting |= 1 << other & !known;
             }
             area += moments(outline.corners()).area;
@@ -559,10 +563,10 @@ mod tests {
     /// Dense meshes that hide parts of each other and of themselves before a wall that some lie beside, and through which one goes.
     fn scene() -> Scene {
         let mut scene = Scene::default();
-        scene.materials.push(Material { model: ShadingModel::Unlit, ..Material::default() });
+        let unlit = Material { model: ShadingModel::Unlit, ..Material::default() };
+        scene.materials.extend([unlit.clone(), Material { double_sided: true, ..unlit }]);
         let of = |shape: Shape, segments: [u32; 2]| shape.build(Some(segments), [1.0; 2]).unwrap();
         let mut add = |primitive: Primitive, place: DVec3, turn: f64| {
-            let primitive = Primitive { material: 0, ..primitive };
             let mesh = Some(scene.meshes.len());
             scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
             let rotation = DQuat::from_axis_angle(DVec3::new(0.4, 1.0, 0.2).normalize(), turn);
@@ -570,7 +574,10 @@ mod tests {
             scene.add_node(Node { mesh, motion, ..Node::default() });
         };
         add(of(Shape::Card { size: [3.0, 2.0] }, [1, 1]), DVec3::new(0.3, 0.0, -4.0), 0.0);
-        add(torus([0.45, 0.2], [40, 20]), DVec3::new(-0.4, 0.1, -2.5), 1.2);
+        let ring = torus([0.45, 0.2], [40, 20]);
+        let both_sides = Primitive { material: 1, ..ring.clone() };
+        add(ring, DVec3::new(-0.4, 0.1, -2.5), 1.2);
+        add(both_sides, DVec3::new(-0.5, -0.6, -2.8), 0.5);
         add(of(Shape::Sphere { radius: 0.4 }, [48, 24]), DVec3::new(0.3, 0.2, -2.8), 0.7);
         add(of(Shape::Sphere { radius: 0.35 }, [24, 12]), DVec3::new(0.7, -0.4, -4.0), 0.3);
         add(of(Shape::Box { size: [0.5; 3] }, [1, 1]), DVec3::new(0.2, -0.5, -2.2), 0.6);

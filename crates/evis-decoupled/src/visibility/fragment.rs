@@ -52,6 +52,8 @@ pub struct Fragment {
     pub record: u32,
     /// Its facet: of equal depths the lowest is seen.
     pub facet: u32,
+    /// The camera sees its outside.
+    pub front: bool,
     /// Edges that cross the pixel, inside not negative.
     pub edges: [Line; 6],
     /// Which of the facet's these are; [`PLANE`] of a plane before or behind which nothing is seen.
@@ -312,7 +314,8 @@ impl Sight {
     /// The same, into `fragment`; false where the pixel does not see it.
     #[inline(always)]
     pub fn fill(&self, fragment: &mut Fragment, record: u32, frame: &PixelFrame, covers: bool) -> bool {
-        (fragment.record, fragment.facet, fragment.edge_count) = (record, self.facet, 0);
+        (fragment.record, fragment.facet, fragment.front) = (record, self.facet, self.front);
+        fragment.edge_count = 0;
         fragment.inverse_depth = self.inverse_depth.in_pixel(frame);
         if covers {
             return true;
