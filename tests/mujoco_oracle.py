@@ -17,8 +17,8 @@ renderer = mujoco.Renderer(model, int(height), int(width))
 renderer.update_scene(data, int(camera))
 renderer.enable_depth_rendering()
 depth = renderer.render().copy()
-kinds = getattr(model, "cam_projection", getattr(model, "cam_orthographic", None))
-if kinds is not None and kinds[int(camera)] and "orthographic" not in inspect.getsource(renderer.render):
+orthographic = getattr(renderer.scene.camera[0], "orthographic", False)
+if orthographic and "orthographic" not in inspect.getsource(renderer.render):
     # This release takes what it reads for perspective depth, whose inverse is linear in it; depth itself is.
     near, far = (plane * model.stat.extent for plane in (model.vis.map.znear, model.vis.map.zfar))
     depth = near + (1 / depth.astype(np.float64) - 1 / near) / (1 / far - 1 / near) * (far - near)

@@ -227,8 +227,7 @@ def own_pictures(model, camera: int, tmp_path: Path) -> tuple[np.ndarray, np.nda
     if subprocess.run(command, capture_output=True, check=False, timeout=300).returncode == 0:
         own = np.load(out)
         return own["depth"], own["segmentation"]
-    kinds = getattr(model, "cam_projection", getattr(model, "cam_orthographic", None))
-    if kinds is not None and kinds[camera]:
+    if evis.mujoco._is_orthographic(model, camera):
         pytest.skip("rays of this test are a pinhole's; OSMesa draws parallel ones (Debian's libosmesa6)")
     if np.unique(model.geom_type).size > 6:
         # Of all types, planes end where they are drawn, and round ones are triangles.

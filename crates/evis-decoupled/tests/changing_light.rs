@@ -7,15 +7,12 @@ use evis_decoupled::{Settings, luminance};
 use evis_scene::environment::Environment;
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
-use evis_scene::{
-    Image, Lens, LightKind, Material, Mesh, Motion, Node, Primitive, Scene, Texture, TextureRef, Trs, Wrap,
-};
+use evis_scene::{Lens, LightKind, Material, Motion, Node, Scene, Trs};
 use glam::{DQuat, DVec3};
-use half::f16;
 
 mod common;
 
-use common::{camera, exact, f1, light, noise, off, truth_of};
+use common::{add, add_texture, camera, exact, f1, light, noise, off, truth_of};
 
 const SIZE: (u32, u32) = (48, 36);
 
@@ -33,26 +30,9 @@ fn spinning(translation: DVec3, rate: f64) -> Motion {
     Motion::Path(Path::Spin { start, axis: DVec3::new(0.3, 1.0, 0.1).normalize(), rate }.into())
 }
 
-fn add(scene: &mut Scene, shape: Shape, material: Material, motion: Motion) {
-    let number = scene.materials.len();
-    scene.materials.push(material);
-    let primitive = Primitive { material: number, ..shape.build(None, [1.0, 1.0]).unwrap() };
-    let mesh = Some(scene.meshes.len());
-    scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
-    scene.add_node(Node { mesh, motion, ..Node::default() });
-}
-
 fn add_camera(scene: &mut Scene) {
     let node = scene.add_node(Node::default());
     scene.cameras.push(camera(node, Lens::FieldOfView { fov_y: 0.7 }));
-}
-
-fn add_texture(scene: &mut Scene, size: u32, texel: impl Fn(u32, u32) -> [f32; 4]) -> Option<TextureRef> {
-    let texels = (0..size * size).map(|i| texel(i % size, i / size).map(f16::from_f32)).collect();
-    let image = scene.images.len();
-    scene.images.push(Image { name: String::new(), width: size, height: size, texels });
-    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
-    Some(TextureRef { texture: image, uv_set: 0, transform: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0] })
 }
 
 /// What `scene` looks like between moments of any division of its second block, and what it fires.

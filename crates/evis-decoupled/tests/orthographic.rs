@@ -6,15 +6,12 @@ use evis_decoupled::{Settings, luminance};
 use evis_scene::environment::Environment;
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
-use evis_scene::{
-    Image, Lens, LightKind, Material, Mesh, Motion, Node, Primitive, Scene, Texture, TextureRef, Trs, Wrap,
-};
+use evis_scene::{Lens, LightKind, Material, Motion, Node, Scene, Trs};
 use glam::{DQuat, DVec3};
-use half::f16;
 
 mod common;
 
-use common::{camera, exact, f1, light, noise, off, truth_of};
+use common::{add, add_texture, camera, exact, f1, light, noise, off, truth_of};
 
 const SIZE: (u32, u32) = (48, 36);
 
@@ -25,32 +22,15 @@ fn path(translation: DVec3, rotation: DQuat, velocity: DVec3, rate: f64) -> Moti
     Motion::Path(Path::Chain(vec![Path::ConstantVelocity { start, velocity }, spin]).into())
 }
 
-fn add(scene: &mut Scene, shape: Shape, material: Material, motion: Motion) {
-    let number = scene.materials.len();
-    scene.materials.push(material);
-    let primitive = Primitive { material: number, ..shape.build(None, [1.0, 1.0]).unwrap() };
-    let mesh = Some(scene.meshes.len());
-    scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
-    scene.add_node(Node { mesh, motion, ..Node::default() });
-}
-
-fn texture(scene: &mut Scene, size: u32, texel: impl Fn(u32, u32) -> [f32; 4]) -> Option<TextureRef> {
-    let texels = (0..size * size).map(|i| texel(i % size, i / size).map(f16::from_f32)).collect();
-    let image = scene.images.len();
-    scene.images.push(Image { name: String::new(), width: size, height: size, texels });
-    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
-    Some(TextureRef::new(image))
-}
-
 /// A floor with a print, a bumpy wall, a glossy box that spins and a ball that flies, under a sun, a spot and a bulb of which
 /// two throw shadows, before a camera that moves and turns; its near plane cuts the ball, its far plane the wall.
 fn scene(perspective: bool) -> Scene {
     let mut scene = Scene { ambient: [0.1; 3], background: [0.3; 3], ..Scene::default() };
-    let print = texture(&mut scene, 16, |x, y| {
+    let print = add_texture(&mut scene, 16, |x, y| {
         let v = if (x + y) % 2 == 0 { 0.25 } else { 0.6 } + 0.2 * noise(0, x, y);
         [v, v, v, 1.0]
     });
-    let bumps = texture(&mut scene, 8, |x, y| [0.5 + 0.15 * (noise(1, x, y) - 0.5), 0.5, 0.95, 1.0]);
+    let bumps = add_texture(&mut scene, 8, |x, y| [0.5 + 0.15 * (noise(1, x, y) - 0.5), 0.5, 0.95, 1.0]);
     let printed =
         Material { base_color_texture: print, roughness: 0.8, metallic: 0.0, ..Material::default() };
     let bumpy = Material { normal_texture: bumps, roughness: 0.6, metallic: 0.0, ..Material::default() };

@@ -54,7 +54,7 @@ pub use host_poses::{HostJump, HostPoses, HostStep, VisibleSteps};
 pub use lens::{CalibratedLens, LensModel, PinholeLens};
 pub use model::*;
 pub use motion::{AppliedMotion, Motion};
-pub use pixel_lens::{PixelLens, PixelRay, Rays};
+pub use pixel_lens::{Eye, PixelLens, PixelRay, Rays};
 pub use pose::SceneState;
 pub use rectify::{Rectification, RectifiedCamera};
 pub use rig::{CalibrationFormat, DsecRectification, Rig, RigCamera};

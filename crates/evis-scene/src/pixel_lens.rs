@@ -1,6 +1,6 @@
 //! A camera's lens in pixels of one picture, without a distortion that it may have: perspective or orthographic.
 
-use glam::{DVec2, DVec3};
+use glam::{DMat4, DVec2, DVec3};
 
 use crate::error::SceneError;
 use crate::lens::{LensModel, PinholeLens};
@@ -36,6 +36,25 @@ pub struct PixelLens {
     pub near: f64,
     /// How rays run.
     pub rays: Rays,
+}
+
+/// From where a camera looks at the world.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Eye {
+    /// From a point.
+    At(DVec3),
+    /// Along a unit vector, everywhere alike: where rays are parallel.
+    Along(DVec3),
+}
+
+impl Eye {
+    /// The way in which it sees `point`; its length is that of the way from a point, or 1.
+    pub fn toward(&self, point: DVec3) -> DVec3 {
+        match *self {
+            Self::At(eye) => point - eye,
+            Self::Along(way) => way,
+        }
+    }
 }
 
 /// What a pixel sees without distortion, in camera space.
@@ -112,6 +131,14 @@ impl PixelLens {
         match self.rays {
             Rays::Central => PixelRay { origin: DVec3::ZERO, direction: ray },
             Rays::Parallel { .. } => PixelRay { origin: ray.with_z(0.0), direction: DVec3::NEG_Z },
+        }
+    }
+
+    /// From where a camera with this rigid pose looks.
+    pub fn eye(&self, world_from_camera: &DMat4) -> Eye {
+        match self.rays {
+            Rays::Central => Eye::At(world_from_camera.w_axis.truncate()),
+            Rays::Parallel { .. } => Eye::Along(world_from_camera.transform_vector3(DVec3::NEG_Z)),
         }
     }
 

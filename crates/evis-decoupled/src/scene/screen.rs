@@ -93,25 +93,6 @@ impl Screen {
     }
 }
 
-/// From where a camera looks.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Eye {
-    /// From a point of the world.
-    At(DVec3),
-    /// Along a unit vector, all pixels alike: an orthographic camera.
-    Along(DVec3),
-}
-
-impl Eye {
-    /// Unit vector from `position` to it.
-    pub fn seen_from(&self, position: DVec3) -> DVec3 {
-        match *self {
-            Self::At(eye) => (eye - position).normalize_or(DVec3::Z),
-            Self::Along(way) => -way,
-        }
-    }
-}
-
 /// Depths of homogeneous image points between which something is seen.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Depths {
@@ -124,7 +105,7 @@ pub struct Depths {
 impl Depths {
     /// Of the camera with `lens`; all is nearer than `beyond`.
     pub fn new(lens: &PixelLens, beyond: f64) -> Self {
-        let far = if lens.is_parallel() { Screen::depth(lens, beyond, lens.far()) } else { f64::INFINITY };
-        Self { near: Screen::depth(lens, beyond, lens.near), far }
+        let [near, far] = [lens.near, lens.far()].map(|depth| Screen::depth(lens, beyond, depth));
+        Self { near, far }
     }
 }

@@ -5,14 +5,14 @@ use std::f64::consts::TAU;
 use std::sync::Arc;
 
 use evis_scene::motion::Path;
-use evis_scene::{Motion, PixelLens, Primitive, Rays, Scene, SceneState, Variant, rigid_or_unrotated};
+use evis_scene::{Eye, Motion, PixelLens, Primitive, Scene, SceneState, Variant, rigid_or_unrotated};
 use glam::{DMat4, DVec3};
 
 use crate::Error;
 use crate::hash::Words;
 use crate::scene::facets::{CORNERS, Facet, bounding_box, corners, facets, neighbors, places, wide};
 use crate::scene::holes::Holes;
-use crate::scene::screen::{Depths, Eye, Screen};
+use crate::scene::screen::{Depths, Screen};
 use crate::scene::tiles::{LensTiles, TileView};
 
 /// Facets that are culled together.
@@ -241,16 +241,12 @@ impl<'a> World<'a> {
             return Err(Error::Camera(format!("camera '{name}' has no pose at {t_us} us")));
         };
         let lens = self.scene.pixel_lens(self.variant, self.camera, self.size, t_us)?;
-        let eye = match lens.rays {
-            Rays::Central => Eye::At(world_from_camera.w_axis.truncate()),
-            Rays::Parallel { .. } => Eye::Along(world_from_camera.transform_vector3(DVec3::NEG_Z)),
-        };
         // Of a lens without a far plane it is not used.
         let beyond = BEYOND * self.farthest.max(lens.far());
         Ok(Frame {
             screen_from_world: Screen::from_camera(&lens, beyond).after(&world_from_camera.inverse()),
             depths: Depths::new(&lens, beyond),
-            eye,
+            eye: lens.eye(&world_from_camera),
             lens,
             state,
         })

@@ -4,10 +4,9 @@
 
 use std::sync::OnceLock;
 
-use evis_scene::ShadingModel;
+use evis_scene::{Eye, ShadingModel};
 use glam::DVec3;
 
-use crate::scene::screen::Eye;
 use crate::scene::world::Frame;
 use crate::shading::material::{self, Lamp, Point};
 use crate::visibility::blocks::Block;
@@ -90,7 +89,7 @@ impl FacetAt<'_> {
         Point {
             position,
             normal: blend(self.corners.map(|c| c.1)).normalize_or(DVec3::Z) * self.side,
-            to_eye: self.eye.map_or(DVec3::Z, |eye| eye.seen_from(position)),
+            to_eye: self.eye.map_or(DVec3::Z, |eye| (-eye.toward(position)).normalize_or(DVec3::Z)),
             ..self.all
         }
     }

@@ -394,13 +394,14 @@ impl Evaluator<'_> {
         if whole {
             work.plain += 1;
         } else {
-            let plain = Regions::backdrop(fragments).is_none_or(|k| {
+            let backdrop = Regions::backdrop(fragments);
+            let plain = backdrop.is_none_or(|k| {
                 let (slot, index) = (work.seen[k].0, fragments[k].record);
                 let record = &self.lists.records[index as usize];
                 self.lighting.shade_slot(&mut work.light, record, index, slot);
                 !self.lighting.is_shadowed(&work.light, slot, work.pixel)
             });
-            work.regions.find(fragments, &self.world.neighbors, plain);
+            work.regions.find(fragments, &self.world.neighbors, (backdrop, plain));
         }
         let covered = timer.map(|t| (t.elapsed().as_secs_f64(), Timer::now()));
         let mut sum = 0.0;

@@ -299,7 +299,7 @@ impl Outline {
                 continue;
             }
             room.count = 0;
-            let mut value = if self.count > 0 { values(self, 0) } else { 0.0 };
+            let mut value = values(self, 0);
             for k in 0..self.count {
                 let next = (k + 1) % self.count;
                 let (a, b, after) = (self.corners[k], self.corners[next], values(self, next));
@@ -359,56 +359,66 @@ impl Regions {
     /// Finds what each of `fragments` covers of the pixel: its moments in [`Regions::areas`], and its polygons in
     /// [`Regions::regions`].
     ///
-    /// `neighbors` are those of [`crate::scene::world::World`]; `plain` says that of a fragment that fills the pixel behind all
-    /// others the moments suffice, so that there need not be regions of it.
-    pub fn find(&mut self, fragments: &[Fragment], neighbors: &[[u32; CORNERS]], plain: bool) {
-        let backdrop = Self::backdrop(fragments);
-        let known = self.sheet(fragments, neighbors)
-            || (plain || backdrop.is_none()) && self.side_by_side(fragments, backdrop);
+    /// `neighbors` are those of [`crate::scene::world::World`], `backdrop` is that of [`Regions::backdrop`]; `plain` says that of
+    /// this the moments suffice, so that there need not be regions of it.
+    pub fn find(
+        &mut self,
+        fragments: &[Fragment],
+        neighbors: &[[u32; CORNERS]],
+        (backdrop, plain): (Option<usize>, bool),
+    ) {
+        let mut rest = Moments::PIXEL;
+        let is_sheet = self.sheet(fragments, neighbors) && {
+            rest = self.measure(fragments.len());
+            rest.area.abs() <= ROUNDING
+        };
+        let known = is_sheet || plain && self.side_by_side(fragments, backdrop);
         if !known {
             self.cut(fragments);
         }
-        self.areas.clear();
-        self.areas.resize(fragments.len() + 1, Moments::default());
-        let mut rest = Moments::PIXEL;
-        for (owner, polygon) in self.regions.iter() {
-            let own = moments(polygon);
-            rest.take(&own);
-            self.areas[(owner as usize).min(fragments.len())].add(&own);
+        if !is_sheet {
+            rest = self.measure(fragments.len());
         }
         if known {
             self.areas[backdrop.unwrap_or(fragments.len())].add(&rest);
         }
     }
 
+    /// Finds [`Regions::areas`] of `count` fragments from their regions; what these leave of the pixel.
+    fn measure(&mut self, count: usize) -> Moments {
+        self.areas.clear();
+        self.areas.resize(count + 1, Moments::default());
+        let mut rest = Moments::PIXEL;
+        for (owner, polygon) in self.regions.iter() {
+            let own = moments(polygon);
+            rest.take(&own);
+            self.areas[(owner as usize).min(count)].add(&own);
+        }
+        rest
+    }
+
     /// The nearest of the fragments that fill the pixel.
     pub fn backdrop(fragments: &[Fragment]) -> Option<usize> {
         let fills = (0..fragments.len()).filter(|k| fragments[*k].edge_count == 0);
-        fills.max_by(|a, b| {
-            let (a, b) = (&fragments[*a], &fragments[*b]);
-            a.inverse_depth.c.total_cmp(&b.inverse_depth.c).then(b.facet.cmp(&a.facet))
-        })
+        fills.min_by(|a, b| fragments[*a].by_depth(&fragments[*b]))
     }
 
     /// As [`Regions::cut`], where all that is seen are neighbours that go on across all their edges; else returns false.
     ///
     /// From the facet that is seen at the pixel's centre on, every edge in the pixel leads to the neighbour beyond it. All of them
-    /// show the same side, so they cover the pixel once, and what is not among them must lie behind all of them.
+    /// show the same side, so they cover the pixel once, which their areas must confirm, and what is not among them must lie behind
+    /// all of them.
     fn sheet(&mut self, fragments: &[Fragment], neighbors: &[[u32; CORNERS]]) -> bool {
         if !(2..=FEW).contains(&fragments.len()) {
             return false;
         }
-        let at_centre = |f: &&Fragment| f.crossing().iter().all(|edge| edge.c >= 0.0);
-        let nearest = fragments
-            .iter()
-            .filter(at_centre)
-            .max_by(|a, b| a.inverse_depth.c.total_cmp(&b.inverse_depth.c).then(b.facet.cmp(&a.facet)));
-        let Some(nearest) = nearest.filter(|f| f.edge_count > 0) else { return false };
+        let at_centre = |(_, f): &(u32, &Fragment)| f.crossing().iter().all(|edge| edge.c >= 0.0);
+        let nearest = (0..).zip(fragments).filter(at_centre).min_by(|(_, a), (_, b)| a.by_depth(b));
+        let Some((first, _)) = nearest.filter(|(_, f)| f.edge_count > 0) else { return false };
         let number = |facet: u32| fragments.iter().position(|f| f.facet == facet);
         self.regions.clear();
         let [outline, room] = &mut self.outlines;
-        let (mut known, mut waiting) = (0_u32, number(nearest.facet).map_or(0, |first| 1_u32 << first));
-        let mut area = 0.0;
+        let (mut known, mut waiting) = (0_u32, 1_u32 << first);
         while waiting != 0 {
             let own = waiting.trailing_zeros();
             let fragment = &fragments[own as usize];
@@ -424,11 +434,7 @@ impl Regions {
                 };
                 waiting |= 1 << other & !known;
             }
-            area += moments(outline.corners()).area;
             self.regions.push(own, outline.corners());
-        }
-        if (area - 1.0).abs() > ROUNDING {
-            return false;
         }
         (0..).zip(fragments).all(|(other, behind)| {
             let mut own = (0..).zip(fragments).filter(|(own, _)| known >> own & 1 == 1);
@@ -483,10 +489,7 @@ impl Regions {
         } else {
             self.order.extend(0..fragments.len());
         }
-        self.order.sort_by(|a, b| {
-            let (a, b) = (&fragments[*a], &fragments[*b]);
-            b.inverse_depth.c.total_cmp(&a.inverse_depth.c).then(a.facet.cmp(&b.facet))
-        });
+        self.order.sort_by(|a, b| fragments[*a].by_depth(&fragments[*b]));
         self.regions.clear();
         self.uncovered.clear();
         self.uncovered.push(NOBODY, &PIXEL);
@@ -622,7 +625,7 @@ mod tests {
                     2
                 };
                 ways[way] += 1;
-                quick.find(&fragments, &world.neighbors, true);
+                quick.find(&fragments, &world.neighbors, (backdrop, true));
                 cut.cut(&fragments);
                 let mut areas = vec![Moments::default(); fragments.len() + 1];
                 for (owner, polygon) in cut.regions.iter() {

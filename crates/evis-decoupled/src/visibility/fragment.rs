@@ -4,6 +4,8 @@
 //! negative, and its inverse depth is linear there. Shared edges are exact negatives of each other, so facets neither
 //! overlap nor leave gaps.
 
+use std::cmp::Ordering;
+
 use glam::{DMat3, DVec3, Vec4};
 
 use crate::scene::screen::Depths;
@@ -78,6 +80,11 @@ impl Fragment {
     #[inline(always)]
     pub fn crossing(&self) -> &[Line] {
         &self.edges[..self.edge_count]
+    }
+
+    /// By depth at the pixel's centre, the nearest first; of equal depths the lowest facet.
+    pub fn by_depth(&self, other: &Self) -> Ordering {
+        other.inverse_depth.c.total_cmp(&self.inverse_depth.c).then(self.facet.cmp(&other.facet))
     }
 
     /// Where this is before `other`: a function that is not negative there, and 1 or -1 where that is all of the pixel

@@ -6,9 +6,14 @@
 use evis_core::Truth;
 use evis_core::metric::{ScoreSettings, score};
 use evis_decoupled::{Settings, simulate};
-use evis_scene::{Camera, Lens, Light, LightKind, PixelLens, Scene, SceneState};
+use evis_scene::primitive::Shape;
+use evis_scene::{
+    Camera, Image, Lens, Light, LightKind, Material, Mesh, Motion, Node, PixelLens, Primitive, Scene,
+    SceneState, Texture, TextureRef, Wrap,
+};
 use evis_truth::rays::{Options, Pinhole, RayCaster, SplitSum, TextureFilter, Textures};
 use evis_truth::{Lattice, PixelChoice, TruthSettings, truth};
+use half::f16;
 
 /// Numbers in [0, 1) by place.
 pub fn noise(channel: u32, x: u32, y: u32) -> f32 {
@@ -47,6 +52,25 @@ pub fn off(found: &[f64], exact: &[f64]) -> f64 {
 /// A camera of the run's size and sensor.
 pub fn camera(node: usize, lens: Lens) -> Camera {
     Camera { near: 0.05, ..Camera::new("camera", node, lens) }
+}
+
+/// A shape of a material of its own, on a node that moves so.
+pub fn add(scene: &mut Scene, shape: Shape, material: Material, motion: Motion) {
+    let number = scene.materials.len();
+    scene.materials.push(material);
+    let primitive = Primitive { material: number, ..shape.build(None, [1.0, 1.0]).unwrap() };
+    let mesh = Some(scene.meshes.len());
+    scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
+    scene.add_node(Node { mesh, motion, ..Node::default() });
+}
+
+/// A square texture, which repeats.
+pub fn add_texture(scene: &mut Scene, size: u32, texel: impl Fn(u32, u32) -> [f32; 4]) -> Option<TextureRef> {
+    let texels = (0..size * size).map(|i| texel(i % size, i / size).map(f16::from_f32)).collect();
+    let image = scene.images.len();
+    scene.images.push(Image { name: String::new(), width: size, height: size, texels });
+    scene.textures.push(Texture { image, wrap_u: Wrap::Repeat, wrap_v: Wrap::Repeat, nearest: false });
+    Some(TextureRef::new(image))
 }
 
 /// A steady light without a range.

@@ -7,7 +7,7 @@
 
 use std::cell::OnceCell;
 
-use evis_scene::PixelLens;
+use evis_scene::Eye;
 use glam::{DMat3, DMat4, DVec2, DVec3};
 
 use crate::sampling::clusters::{Face, Hull, Pieces};
@@ -56,7 +56,7 @@ impl<'a> Scenery<'a> {
         let still = !view.camera_moves();
         let ends = if still { &view.ends()[..1] } else { view.ends() };
         let cameras: Vec<_> = ends.iter().map(|&k| (view.camera_from_world[k], k as f64)).collect();
-        let eyes = cameras.iter().map(|(camera, _)| Eye::new(camera, view.lens)).collect();
+        let eyes = cameras.iter().map(|(camera, _)| view.lens.eye(&camera.inverse())).collect();
         let deviations = view.camera_deviation(ends);
         Self { view, gpu_scene, pieces, tiles, cameras, eyes, deviations }
     }
@@ -137,39 +137,11 @@ impl<'a> Scenery<'a> {
     }
 }
 
-/// From where a camera looks.
-#[derive(Clone, Copy)]
-enum Eye {
-    /// From a point of the world.
-    At(DVec3),
-    /// Along a direction: an orthographic camera.
-    Along(DVec3),
-}
-
-impl Eye {
-    fn new(camera_from_world: &DMat4, lens: &PixelLens) -> Self {
-        let world_from_camera = camera_from_world.inverse();
-        if lens.is_parallel() {
-            Self::Along(world_from_camera.transform_vector3(DVec3::NEG_Z))
-        } else {
-            Self::At(world_from_camera.w_axis.truncate())
-        }
-    }
-
-    /// The way in which it sees `point`.
-    fn toward(&self, point: DVec3) -> DVec3 {
-        match *self {
-            Self::At(eye) => point - eye,
-            Self::Along(way) => way,
-        }
-    }
-
-    /// Whether it may look from between `low` and `high`: the near plane of an orthographic camera may cut anything.
-    fn may_lie_between(&self, low: DVec3, high: DVec3) -> bool {
-        match *self {
-            Self::At(eye) => (low - eye).max(eye - high).max_element() <= 0.0,
-            Self::Along(_) => true,
-        }
+/// Whether a camera may look from between `low` and `high`: the near plane of an orthographic one may cut anything.
+fn may_lie_between(eye: &Eye, low: DVec3, high: DVec3) -> bool {
+    match *eye {
+        Eye::At(eye) => (low - eye).max(eye - high).max_element() <= 0.0,
+        Eye::Along(_) => true,
     }
 }
 
@@ -254,7 +226,7 @@ impl<'a> Receiver<'a> {
         // A closed surface with all cameras outside shows no insides.
         let closed = self.pieces.swing.is_finite();
         let (low, high) = self.extent;
-        let inside = |eye: &Eye| eye.may_lie_between(low, high);
+        let inside = |eye: &Eye| may_lie_between(eye, low, high);
         let solid = closed && !scenery.eyes.iter().any(inside);
         let place = |face: &Face| {
             let track = scenery.view.track(scenery.gpu_scene, self.activity, &face.hull);
