@@ -86,6 +86,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         r.entries as f64 / r.pixel_blocks.max(1) as f64,
         100.0 * r.plain as f64 / r.evaluations.max(1) as f64,
     );
+    println!(
+        "{:.1} % of pixels' blocks are quiet by bounds",
+        100.0 * r.quiet as f64 / r.pixel_blocks.max(1) as f64
+    );
     println!("cells shaded per second: {:.0}", r.cells as f64 / seconds);
     let score = score(&out.events, &truth, &ScoreSettings::default())?;
     println!("{score}");

@@ -11,6 +11,7 @@ use evis_decoupled::visibility::blocks::{Block, Clock};
 use evis_decoupled::visibility::lists::Lists;
 use evis_decoupled::{Settings, luminance, simulate};
 use evis_scene::motion::Path;
+use evis_scene::primitive::Shape;
 use evis_scene::{Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs};
 use glam::{DQuat, DVec3};
 
@@ -148,48 +149,133 @@ fn seen(facets: &[(u32, [DVec3; 4], bool)], at: [f64; 2], depths: &Depths) -> Op
     best.map(|b| b.1)
 }
 
-#[test]
-fn what_is_seen_is_in_its_tile_s_list() {
-    let (mut samples, mut missing, mut canary) = (0, 0, 0);
-    let mut kinds = std::collections::BTreeSet::new();
-    for seed in 0..8 {
-        let scene = scene(seed, 60, if seed % 2 == 0 { 1.0 } else { 4.0 });
-        let scene = if seed < 6 { scene } else { orthographic(scene) };
-        let world = World::new(&scene, 0, Some((SIZE[0] as u32, SIZE[1] as u32))).unwrap();
+/// Solids and an open sheet, each unlit, that spin before a floor of many facets which reaches behind a camera that turns.
+fn solids(seed: u64, motion: f64) -> Scene {
+    let mut dice = Dice(seed);
+    let mut scene = Scene { background: [0.05; 3], ..Scene::default() };
+    let turning = |dice: &mut Dice, translation: DVec3, rate: f64| {
+        let axis = dice.vector(1.0).normalize_or(DVec3::Y);
+        let start = Trs { translation, ..Trs::default() };
+        Motion::Path(Arc::new(Path::Spin { start, axis, rate: rate * motion }))
+    };
+    let camera_motion = turning(&mut dice, DVec3::ZERO, 0.5);
+    let node = scene.add_node(Node { motion: camera_motion, ..Node::default() });
+    scene.cameras.push(camera(node, Lens::FieldOfView { fov_y: 0.9 }));
+    for i in 0..9 {
+        let (shape, segments) = match i % 4 {
+            0 => (Shape::Sphere { radius: dice.between(0.3, 0.8) }, [16, 8]),
+            1 => (Shape::Box { size: [dice.between(0.3, 1.2), 0.6, 0.4] }, [2, 2]),
+            2 => (Shape::Capsule { radius: 0.2, height: dice.between(0.3, 1.0) }, [12, 4]),
+            _ => (Shape::Card { size: [1.2, 0.9] }, [5, 4]),
+        };
+        let material =
+            Material { model: ShadingModel::Unlit, double_sided: i % 4 == 3, ..Material::default() };
+        let depth = dice.between(1.5, 5.0);
+        let place = DVec3::new(dice.between(-0.5, 0.5) * depth, dice.between(-0.4, 0.4) * depth, -depth);
+        add_of(&mut scene, (shape, segments), material, turning(&mut dice, place, 5.0));
+    }
+    let start = Trs { translation: DVec3::new(0.0, -1.0, 0.0), ..Trs::default() };
+    let floor = Motion::Path(Arc::new(Path::ConstantVelocity { start, velocity: dice.vector(motion) }));
+    let material = Material { model: ShadingModel::Unlit, ..Material::default() };
+    add_of(&mut scene, (Shape::Plane { size: [12.0, 12.0] }, [6, 6]), material, floor);
+    scene
+}
+
+fn add_of(scene: &mut Scene, (shape, segments): (Shape, [u32; 2]), material: Material, motion: Motion) {
+    let number = scene.materials.len();
+    scene.materials.push(material);
+    let primitive = Primitive { material: number, ..shape.build(Some(segments), [1.0; 2]).unwrap() };
+    let mesh = Some(scene.meshes.len());
+    scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
+    scene.add_node(Node { mesh, motion, ..Node::default() });
+}
+
+/// What samples of a scene found.
+#[derive(Default)]
+struct Seen {
+    samples: usize,
+    /// Of what its tile's list lacks.
+    missing: usize,
+    /// The same if the list lacked one entry more.
+    canary: usize,
+    /// In pixels that are said to be filled, and of these where no single facet fills the pixel, and where nothing is seen.
+    filled: usize,
+    together: usize,
+    empty: usize,
+    kinds: std::collections::BTreeSet<u32>,
+}
+
+impl Seen {
+    /// Looks through pixels of `scene` at `side` by `side` places each, at twelve times of a block.
+    fn add(&mut self, scene: &Scene, side: usize) {
+        let world = World::new(scene, 0, Some((SIZE[0] as u32, SIZE[1] as u32))).unwrap();
         let block = Block { start_us: 16_384.0, end_us: 32_768.0, jump: false };
         let mut clock = Clock::new(&world, block);
         let lists = Lists::new(&world, &mut clock).unwrap();
-        let rows: Vec<_> = (0..lists.row_count()).map(|r| lists.row(r)).collect();
+        let rows: Vec<_> = (0..lists.row_count()).map(|r| lists.row(&world, r)).collect();
         for k in 0..12 {
             let t_us = block.start_us + block.length_us() * f64::from(k) / 11.5;
             let (facets, depths) = (exact(&world, t_us), world.frame(t_us).unwrap().depths);
-            for y in 0..SIZE[1] * 4 {
-                for x in 0..SIZE[0] * 4 {
-                    // Off the grid, so that edges are met everywhere.
-                    let at = [0, 1].map(|a| ([x, y][a] as f64 + [0.37, 0.61][(a + k as usize) % 2]) * 0.25);
-                    let Some(facet) = seen(&facets, at, &depths) else { continue };
-                    let tile = &rows[y / 4 / TILE][x / 4 / TILE];
-                    let bit = (y / 4 % TILE) * TILE + x / 4 % TILE;
-                    let listed = |left_out: usize| {
-                        tile.iter().enumerate().any(|(i, e)| {
-                            i != left_out
-                                && lists.records[e.record as usize].facet == facet
-                                && e.touches >> bit & 1 == 1
-                        })
-                    };
-                    samples += 1;
-                    kinds.insert((seed, facet));
-                    missing += usize::from(!listed(usize::MAX));
-                    // Canary: lists that lack one entry.
-                    canary += usize::from(!listed((x + y) % tile.len().max(1)));
+            for (x, y) in (0..SIZE[1] * side).flat_map(|y| (0..SIZE[0] * side).map(move |x| (x, y))) {
+                // Off the grid, so that edges are met everywhere.
+                let off = [0, 1].map(|a| [0.37, 0.61][(a + k as usize) % 2]);
+                let at = [0, 1].map(|a| ([x, y][a] as f64 + off[a]) / side as f64);
+                let [column, row] = [x / side, y / side];
+                let tile = &rows[row / TILE][column / TILE];
+                let bit = (row % TILE) * TILE + column % TILE;
+                let facet = seen(&facets, at, &depths);
+                if tile.filled >> bit & 1 == 1 {
+                    self.filled += 1;
+                    self.together += usize::from(tile.entries.iter().all(|e| e.covers >> bit & 1 == 0));
+                    self.empty += usize::from(facet.is_none());
                 }
+                let Some(facet) = facet else { continue };
+                let listed = |left_out: usize| {
+                    tile.entries.iter().enumerate().any(|(i, e)| {
+                        i != left_out
+                            && lists.records[e.record as usize].facet == facet
+                            && e.touches >> bit & 1 == 1
+                    })
+                };
+                self.samples += 1;
+                self.kinds.insert(facet);
+                self.missing += usize::from(!listed(usize::MAX));
+                self.canary += usize::from(!listed((x + y) % tile.entries.len().max(1)));
             }
         }
     }
-    println!("{samples} samples of {} facets, {missing} missing, {canary} if an entry lacks", kinds.len());
-    assert!(samples > 100_000 && kinds.len() > 60, "{} facets", kinds.len());
-    assert_eq!(missing, 0, "of {samples}");
+}
+
+#[test]
+fn what_is_seen_is_in_its_tile_s_list() {
+    let mut all = Seen::default();
+    for seed in 0..8 {
+        let scene = scene(seed, 60, if seed % 2 == 0 { 1.0 } else { 4.0 });
+        all.add(&if seed < 6 { scene } else { orthographic(scene) }, 4);
+    }
+    let Seen { samples, missing, canary, filled, empty, kinds, .. } = all;
+    println!(
+        "{samples} samples of {} facets, {missing} missing, {canary} if an entry lacks; {filled} filled",
+        kinds.len()
+    );
+    assert!(samples > 100_000 && kinds.len() > 30, "{} facets", kinds.len());
+    assert_eq!([missing, empty], [0; 2], "of {samples}");
     assert!(canary > 1000, "{canary}");
+}
+
+#[test]
+fn what_a_surface_hides_is_not_seen() {
+    let mut all = Seen::default();
+    for seed in 20..28 {
+        let scene = solids(seed, if seed % 2 == 0 { 1.0 } else { 4.0 });
+        all.add(&if seed < 26 { scene } else { orthographic(scene) }, 2);
+    }
+    let Seen { samples, missing, canary, filled, together, empty, .. } = all;
+    println!(
+        "{samples} samples, {missing} missing, {canary} if an entry lacks; {filled} filled, {together} by several, {empty} empty"
+    );
+    assert_eq!([missing, empty], [0; 2], "of {samples}");
+    assert!(samples > 100_000 && canary > 1000 && together > 10_000, "{samples} {canary} {together}");
 }
 
 #[test]

@@ -14,7 +14,7 @@ use std::sync::OnceLock;
 
 use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
-use glam::{DVec2, DVec4, Vec4};
+use glam::{DVec2, DVec3, DVec4, Vec3, Vec4};
 
 /// An edge is read at one place between two lines where its lean times the cube of its height there, over the footprint's
 /// area, is at most this.
@@ -43,6 +43,8 @@ const MOST: f64 = 16.0;
 pub struct Textures {
     chains: Vec<Vec<Level>>,
     textures: Vec<Texture>,
+    /// Per image, least and greatest texels.
+    ranges: Vec<[DVec3; 2]>,
     /// Per texture and level, sums along rows and along columns, made when they are first read.
     sums: Vec<Vec<[OnceLock<Sums>; 2]>>,
 }
@@ -238,7 +240,20 @@ impl Textures {
         let levels = |t: &Texture| chains.get(t.image).map_or(0, Vec::len);
         let sums = scene.textures.iter().map(|t| (0..levels(t)).map(|_| Default::default()).collect());
         let sums = sums.collect();
-        Self { chains, textures: scene.textures.clone(), sums }
+        let range = |chain: &Vec<Level>| {
+            let texels = || chain.first().into_iter().flat_map(|level| &level.texels);
+            let colors = || texels().map(|t| Vec3::new(t[0], t[1], t[2]));
+            let of = |fold: fn(Vec3, Vec3) -> Vec3| colors().reduce(fold).unwrap_or(Vec3::ONE).as_dvec3();
+            [of(Vec3::min), of(Vec3::max)]
+        };
+        let ranges = chains.iter().map(range).collect();
+        Self { chains, textures: scene.textures.clone(), ranges, sums }
+    }
+
+    /// Least and greatest texels of texture `number`, per channel; white where there are none.
+    pub fn range(&self, number: usize) -> [DVec3; 2] {
+        let texture = self.textures.get(number);
+        texture.and_then(|t| self.ranges.get(t.image)).copied().unwrap_or([DVec3::ONE; 2])
     }
 
     /// Width and height of texture `texture`; `None` where it has no texels.

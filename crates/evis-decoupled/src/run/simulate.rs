@@ -24,7 +24,7 @@ use crate::signal::knots::{TileLuminance, TileSignal};
 use crate::signal::path::{PixelPath, STEP_PX, stride};
 use crate::signal::pixel::{Evaluator, UNITS, Work};
 use crate::visibility::blocks::{Block, Blocks, Clock, blocks};
-use crate::visibility::lists::{Entry, Lists};
+use crate::visibility::lists::{Lists, TileList};
 
 /// Limits of [`Settings::step_px`].
 const LEAST_STEP_PX: f64 = 0.05;
@@ -125,6 +125,8 @@ pub struct Report {
     pub entries: u64,
     /// Pixels times blocks.
     pub pixel_blocks: u64,
+    /// Of these, those in which something moves and light stays between a pixel's thresholds, as bounds say.
+    pub quiet: u64,
     /// Evaluations of a pixel that one facet covers.
     pub plain: u64,
     /// Cells shaded.
@@ -331,6 +333,7 @@ impl Pixels {
             report.evaluations += row.evaluations;
             report.entries += row.entries;
             report.pixel_blocks += row.pixel_blocks;
+            report.quiet += row.quiet;
             report.losses.add(row.losses);
         }
         report.cells = lighting.shaded.load(Ordering::Relaxed);
@@ -390,7 +393,7 @@ impl Row {
             return;
         }
         let started = Instant::now();
-        let tiles = evaluator.lists.row(row);
+        let tiles = evaluator.lists.row(evaluator.world, row);
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| only.get(*column) != Some(&false))
@@ -405,13 +408,14 @@ impl Row {
         work: &mut Work,
         evaluator: &Evaluator,
         (following, taken): (&Following, Option<&Taken>),
-        entries: &[Entry],
+        list: &TileList,
         [column, row]: [usize; 2],
     ) {
+        let entries = &list.entries[..];
         let Following { thresholds, step_px, start_us, sensing, .. } = following;
         let block = evaluator.block;
         let lens = &evaluator.world.lens;
-        evaluator.enter_tile(work, entries, [column, row]);
+        evaluator.enter_tile(work, list, [column, row]);
         let (width, height) = (lens.width as usize, lens.height as usize);
         let place = |pixel: usize| (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
         let seen = evaluator.world.tile([column, row]).pixels;
@@ -439,12 +443,24 @@ impl Row {
             self.lights[column] = Some(*signal.last());
             return;
         }
+        let mut resting = 0_u64;
         for (pixel, activity) in activities.iter().enumerate() {
-            if let Some(activity) = activity {
-                evaluator.expect(work, pixel, stride(block, *step_px, activity));
+            let Some(activity) = activity else { continue };
+            let path = self.paths[column * PIXELS + pixel].as_mut();
+            if !activity.still
+                && let Some(path) = path
+                && let Some(quiet) = path.quiet(thresholds)
+                && evaluator.stays_within(work, pixel, quiet)
+            {
+                path.rest();
+                self.report.quiet += 1;
+                resting |= 1 << pixel;
+                continue;
             }
+            evaluator.expect(work, pixel, stride(block, *step_px, activity));
         }
-        for (pixel, activity) in activities.iter().enumerate() {
+        for (pixel, activity) in activities.iter().enumerate().filter(|(pixel, _)| resting >> pixel & 1 == 0)
+        {
             let (Some(activity), (x, y)) = (activity, place(pixel)) else { continue };
             evaluator.enter_pixel(work, pixel);
             let slot = column * PIXELS + pixel;
@@ -519,8 +535,9 @@ pub(crate) fn picture(
     let mut out = vec![0.0; width * world.lens.height as usize];
     out.par_chunks_mut(width * TILE).enumerate().for_each(|(row, out)| {
         let mut work = Work::default();
-        for (column, tile) in lists.row(row).iter().enumerate() {
-            evaluator.enter_tile(&mut work, tile, [column, row]);
+        for (column, list) in lists.row(world, row).iter().enumerate() {
+            let tile = &list.entries[..];
+            evaluator.enter_tile(&mut work, list, [column, row]);
             let place = |pixel: usize| (column * TILE + pixel % TILE, pixel / TILE);
             let height = out.len() / width;
             let seen = world.tile([column, row]).pixels;

@@ -4,5 +4,7 @@ pub(crate) mod contour;
 pub mod facets;
 pub mod holes;
 pub mod screen;
+#[cfg(test)]
+pub(crate) mod testing;
 pub mod tiles;
 pub mod world;

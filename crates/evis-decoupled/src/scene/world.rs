@@ -41,11 +41,16 @@ pub struct Surface {
     pub double_sided: bool,
     /// It has an inside: each edge has another that runs against it.
     pub closed: bool,
+    /// It is one convex solid: no part of it shadows what faces the lamp.
+    pub convex: bool,
     /// Its clusters in [`World::clusters`].
     pub clusters: std::ops::Range<usize>,
     /// Box around its vertices in its own space; of deforming ones, as modelled.
     pub bounds: [DVec3; 2],
 }
+
+/// Part of a solid's diagonal by which a neighbour may rise above a facet's plane.
+const FLAT: f64 = 1e-6;
 
 /// Neighbouring facets of one surface.
 #[derive(Clone, Debug)]
@@ -188,7 +193,11 @@ impl<'a> World<'a> {
         let places = places(primitive);
         // What is at one place in the mesh may be at several under a skeleton.
         let vertex = |v: u32| if deforms { v } else { places.get(v as usize).copied().unwrap_or(v) };
-        self.neighbors.extend(neighbors(&facets, self.facets.len() as u32, vertex));
+        let first_facet = self.facets.len() as u32;
+        let beyond = neighbors(&facets, first_facet, vertex);
+        let closed = is_closed(&primitive.indices, &places);
+        let convex = closed && !deforms && is_convex(&facets, &beyond, first_facet, primitive);
+        self.neighbors.extend(beyond);
         for group in facets.chunks(CLUSTER) {
             let start = self.facets.len();
             let bounds = bounding_box(
@@ -205,7 +214,8 @@ impl<'a> World<'a> {
             deforms,
             moves: self.moving_nodes[node],
             double_sided: material.double_sided,
-            closed: is_closed(&primitive.indices, &places),
+            closed,
+            convex,
             clusters: first_cluster..self.clusters.len(),
             bounds: bounding_box(primitive.positions.iter().map(|p| wide(*p))),
         });
@@ -384,6 +394,38 @@ fn is_closed(indices: &[u32], places: &[u32]) -> bool {
     open.values().all(|n| *n == 0)
 }
 
+/// Whether the rigid closed `facets`, numbered from `first`, with these neighbours, are one convex solid.
+///
+/// A closed surface in one piece is convex if every edge of it is, but for those of [`FLAT`].
+fn is_convex(facets: &[Facet], neighbors: &[[u32; CORNERS]], first: u32, primitive: &Primitive) -> bool {
+    let place = |vertex: u32| wide(primitive.positions[vertex as usize]);
+    let [low, high] = bounding_box(facets.iter().flat_map(|f| f.corners).map(place));
+    let flat = FLAT * (high - low).length();
+    let mut reached = vec![false; facets.len()];
+    let mut waiting: Vec<usize> = (0..facets.len().min(1)).collect();
+    while let Some(number) = waiting.pop() {
+        if std::mem::replace(&mut reached[number], true) {
+            continue;
+        }
+        let corners = facets[number].corners.map(place);
+        let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]).normalize_or_zero();
+        for (edge, other) in neighbors[number].into_iter().enumerate() {
+            if corners[edge] == corners[(edge + 1) % CORNERS] {
+                continue;
+            }
+            let Some(other) = other.checked_sub(first).map(|k| k as usize).filter(|k| *k < facets.len())
+            else {
+                return false;
+            };
+            if facets[other].corners.into_iter().any(|c| (place(c) - corners[0]).dot(normal) > flat) {
+                return false;
+            }
+            waiting.push(other);
+        }
+    }
+    reached.into_iter().all(|reached| reached)
+}
+
 /// The highest frequency of an analytic motion, those of a node's ancestors added to its own, in hertz of the scene's clock.
 pub fn fastest_hz(scene: &Scene) -> f64 {
     let mut hz: Vec<f64> = Vec::with_capacity(scene.nodes.len());
@@ -427,7 +469,51 @@ fn moving_nodes(scene: &Scene) -> Vec<bool> {
 
 #[cfg(test)]
 mod tests {
+    use evis_scene::primitive::Shape;
+    use evis_scene::{Camera, Lens, Material, Mesh, Node};
+
     use super::*;
+
+    #[test]
+    fn solids_without_hollows_are_convex() {
+        let build = |shape: Shape| shape.build(None, [1.0; 2]).unwrap();
+        let ball = || build(Shape::Sphere { radius: 0.5 });
+        let dented = || {
+            let mut made = ball();
+            // All vertices at that place.
+            let place = made.positions[100];
+            made.positions.iter_mut().filter(|p| **p == place).for_each(|p| *p = p.map(|v| 0.9 * v));
+            made
+        };
+        let two = || {
+            let (mut made, other) = (ball(), ball());
+            let count = made.positions.len() as u32;
+            made.positions.extend(other.positions.iter().map(|[x, y, z]| [x + 2.0, *y, *z]));
+            made.normals.extend(other.normals);
+            made.indices.extend(other.indices.iter().map(|i| i + count));
+            (made.uvs, made.tangents) = Default::default();
+            made
+        };
+        let primitives = [
+            (ball(), true),
+            (build(Shape::Box { size: [0.1, 2.0, 0.5] }), true),
+            (build(Shape::Capsule { radius: 0.1, height: 0.5 }), true),
+            (build(Shape::Cylinder { radius: 0.2, height: 0.1 }), true),
+            (dented(), false),
+            (two(), false),
+            (build(Shape::Card { size: [1.0, 1.0] }), false),
+        ];
+        let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
+        for (number, (primitive, _)) in primitives.iter().enumerate() {
+            scene.meshes.push(Mesh { primitives: vec![primitive.clone()], ..Mesh::default() });
+            scene.add_node(Node { mesh: Some(number), ..Node::default() });
+        }
+        let node = scene.add_node(Node::default());
+        scene.cameras.push(Camera::new("camera", node, Lens::FieldOfView { fov_y: 0.8 }));
+        let world = World::new(&scene, 0, None).unwrap();
+        let found: Vec<bool> = world.surfaces.iter().map(|s| s.convex).collect();
+        assert_eq!(found, primitives.map(|(_, convex)| convex));
+    }
 
     #[test]
     fn a_box_has_six_facets_and_a_bent_quad_two() {

@@ -6,6 +6,7 @@
 //! depend on time or view are shaded once; all others at both ends of a block, and are linear between. What may throw
 //! a shadow into a cell is found once, where lamp, surface and what throws it are still.
 
+mod bounds;
 mod maps;
 mod shadows;
 mod times;
@@ -26,6 +27,7 @@ use crate::scene::facets::{Facet, bounding_box, wide};
 use crate::scene::screen::{Depths, Screen};
 use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
 use crate::scene::world::{Frame, World};
+use crate::shading::bounds::{Bounds, ranges};
 use crate::shading::material::{self, Around, Lamp, Response, respond};
 use crate::shading::moments::{self, FacetAt, Times};
 use crate::shading::pages::{Pages, Picture};
@@ -131,6 +133,8 @@ struct Patch {
     nodes: Box<[[f32; 4]]>,
     /// Bits of the lamps of [`Lighting::own`] that light any of it.
     lit: u8,
+    /// Least and greatest values of all nodes, as a node has them.
+    ranges: Box<[[[f32; 4]; 2]]>,
 }
 
 /// What may throw shadows of one lamp into a cell of a still facet, of what is still.
@@ -205,6 +209,8 @@ pub struct TileLight {
     patches: Vec<Arc<Patch>>,
     /// Facets of all slots and lamps, with the pixels that they may darken.
     occluders: Vec<(u64, u32)>,
+    /// Per slot, bounds of its light, found when they are first asked for; `None` of those that have none.
+    bounds: Vec<Option<Option<Bounds<MOST_OWN>>>>,
     view: TileView,
     found: Vec<u32>,
     lit: Lit,
@@ -470,6 +476,8 @@ impl<'a> Lighting<'a> {
         tile.pages.enter_tile(self.block);
         tile.warps.clear();
         tile.patches.clear();
+        tile.bounds.clear();
+        tile.bounds.resize(entries.len(), None);
         tile.occluders.clear();
         tile.line_starts.clear();
         tile.lines.clear();
@@ -679,7 +687,8 @@ impl<'a> Lighting<'a> {
                 lit |= 1 << (k % lamps - 1);
             }
         }
-        Patch { intervals, nodes: nodes.into(), lit }
+        let ranges = ranges(&nodes, lamps);
+        Patch { intervals, nodes: nodes.into(), lit, ranges }
     }
 
     fn shade(&self, facet: &FacetAt, place: [f64; 2], out: &mut Vec<[f32; 4]>) {

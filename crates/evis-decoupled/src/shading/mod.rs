@@ -1,5 +1,6 @@
 //! What a facet sends to a pixel: response of its material, shadows, and what is kept of both.
 
+pub mod bounds;
 pub mod keyframe;
 pub mod light;
 pub mod material;

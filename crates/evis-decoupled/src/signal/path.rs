@@ -58,6 +58,8 @@ pub struct PixelPath {
     last: Point,
     /// An evaluation before the last.
     before: Option<Point>,
+    /// It was not followed since the last.
+    rested: bool,
 }
 
 /// Work on one pixel in one block.
@@ -143,7 +145,22 @@ impl PixelPath {
     /// A pixel that begins at `t_us` with `luminance`.
     pub fn new(t_us: f64, luminance: f64, thresholds: &Thresholds) -> Self {
         let reference = Reference::at(thresholds.log(luminance), thresholds);
-        Self { reference, last: Point { t_us, luminance }, before: None }
+        Self { reference, last: Point { t_us, luminance }, before: None, rested: false }
+    }
+
+    /// Luminances between which it fires nothing.
+    pub fn quiet(&self, thresholds: &Thresholds) -> Option<[f64; 2]> {
+        let Reference { above, below, .. } = self.reference;
+        // What is followed may be off by as much.
+        let off = |level: f64| TOLERANCE * (level.abs() + thresholds.floor());
+        let [low, high] = [below + off(below), above - off(above)];
+        (low < high).then_some([low, high])
+    }
+
+    /// Leaves out a block in which it fires nothing.
+    pub fn rest(&mut self) {
+        self.rested = true;
+        self.before = None;
     }
 
     /// Follows the pixel through a block; `light` evaluates it at parts of the block in [`UNITS`], `fire` takes events in
@@ -178,6 +195,9 @@ impl PixelPath {
         if activity.still {
             return walk.evaluations;
         }
+        if std::mem::take(&mut self.rested) && !block.jump {
+            self.last = walk.at(0);
+        }
         if block.length_us() <= INSTANT_US {
             let end = walk.at(UNITS);
             walk.cross(self, self.last, end, 0.0);
@@ -191,5 +211,54 @@ impl PixelPath {
             walk.interval(self, [from, from + length], end);
         }
         walk.evaluations
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use evis_core::{Polarity, SensorConfig};
+
+    use super::*;
+
+    #[test]
+    fn a_pixel_that_rests_goes_on_where_its_light_is() {
+        let thresholds = Thresholds::new(&SensorConfig::default(), 1.0);
+        let blocks = [0.0, 32_768.0, 65_536.0].map(|start_us| Block {
+            start_us,
+            end_us: start_us + 32_768.0,
+            jump: false,
+        });
+        let light =
+            |t_us: f64| 1.0 + 0.05 * (t_us * 1e-4).sin() + 1.2e-10 * (t_us - 30_000.0).max(0.0).powi(2);
+        let activity = PixelActivity { still: false, motion_px: 6.0, periods: 0.0 };
+        let follow = |rests: bool| {
+            let mut path = PixelPath::new(0.0, light(0.0), &thresholds);
+            let mut fired: Vec<(f64, Polarity)> = Vec::new();
+            let mut evaluations = 0;
+            for (number, block) in blocks.into_iter().enumerate() {
+                if rests && number == 1 {
+                    path.rest();
+                    continue;
+                }
+                let at = |unit: u32| {
+                    light(block.start_us + block.length_us() * f64::from(unit) / f64::from(UNITS))
+                };
+                let fire = |t, p| fired.push((t, p));
+                evaluations = path.walk(&thresholds, block, STEP_PX, &activity, at, fire);
+            }
+            (fired, path.quiet(&thresholds), evaluations)
+        };
+        let ((followed, levels, count), (rested, same, more)) = (follow(false), follow(true));
+        // Nothing in the block that is left out.
+        assert!(followed.len() > 1 && followed.iter().all(|(t, _)| *t > 65_536.0), "{followed:?}");
+        assert_eq!(followed.len(), rested.len());
+        for (a, b) in followed.iter().zip(&rested) {
+            assert!((a.0 - b.0).abs() < 10.0 && a.1 == b.1, "{a:?} {b:?}");
+        }
+        assert_eq!(levels, same);
+        // One more at its start; light that was not what it goes on from would be looked for in ever shorter intervals.
+        assert!(more <= count + 3, "{count} {more}");
+        let [low, high] = levels.unwrap();
+        assert!(low < light(98_304.0) && light(98_304.0) < high, "{low} {high}");
     }
 }

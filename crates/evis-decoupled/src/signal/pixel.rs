@@ -12,7 +12,7 @@ use crate::shading::light::{Instant, Lighting, Part, TileLight};
 use crate::visibility::blocks::Block;
 use crate::visibility::coverage::{Moments, Regions};
 use crate::visibility::fragment::{Fragment, Sight};
-use crate::visibility::lists::{Entry, Lists};
+use crate::visibility::lists::{Entry, Lists, TileList};
 
 /// Every so many evaluations are timed.
 const TIMED: u64 = 64;
@@ -68,6 +68,8 @@ pub struct Work {
     owns: [[u32; 2]; PIXELS],
     /// Pixels of which nothing changes.
     still: u64,
+    /// Pixels in which nothing is seen of what lies behind everything.
+    filled: u64,
     /// Per pixel, every how many units it is surely evaluated; 0 for never.
     strides: [u32; PIXELS],
     layers: Vec<Layer>,
@@ -110,6 +112,7 @@ impl Default for Work {
             view: TileView::default(),
             owns: [[0; 2]; PIXELS],
             still: 0,
+            filled: 0,
             strides: [0; PIXELS],
             layers: Vec::new(),
             layer_of: Vec::new(),
@@ -157,7 +160,9 @@ pub struct PixelActivity {
 
 impl Evaluator<'_> {
     /// Prepares `work` for a tile.
-    pub fn enter_tile(&self, work: &mut Work, entries: &[Entry], tile: [usize; 2]) {
+    pub fn enter_tile(&self, work: &mut Work, list: &TileList, tile: [usize; 2]) {
+        let entries = &list.entries[..];
+        work.filled = list.filled;
         work.view = self.world.tile(tile);
         work.own.clear();
         work.still = 0;
@@ -223,14 +228,38 @@ impl Evaluator<'_> {
                 }
             }
         }
-        let covered = work.own[from..].iter().any(|o| o.covers);
-        if !covered && !self.lighting.background_rests() {
+        if work.filled >> pixel & 1 == 0 && !self.lighting.background_rests() {
             activity.still = false;
             activity.motion_px = activity.motion_px.max(work.background_motion);
         }
         work.owns[pixel] = [from, work.own.len()].map(|v| v as u32);
         work.still |= u64::from(activity.still) << pixel;
         activity
+    }
+
+    /// Whether luminance of pixel number `pixel` surely stays between `low` and `high` throughout the block.
+    ///
+    /// It is a mean of what facets that the pixel may see send, weighted by their areas, so that it lies between the least and
+    /// the most of these.
+    pub fn stays_within(&self, work: &mut Work, pixel: usize, [low, high]: [f64; 2]) -> bool {
+        let within = |[least, most]: [f64; 2]| low < least && most < high;
+        if work.filled >> pixel & 1 == 0
+            && !self.lighting.steady_background().is_some_and(|light| within([light; 2]))
+        {
+            return false;
+        }
+        let [from, to] = work.owns[pixel].map(|v| v as usize);
+        work.own[from..to].iter().all(|own| {
+            let (light, slot) = (&mut work.light, own.slot);
+            let record = &self.lists.records[own.record as usize];
+            let Some(bounds) = self.lighting.bounds(light, record.facet, slot) else { return false };
+            if within(light.range(&bounds, slot, pixel)) {
+                return true;
+            }
+            // What stands still may throw no shadow there.
+            self.lighting.shade_slot(light, record, own.record, slot);
+            within(light.range(&bounds, slot, pixel))
+        })
     }
 
     /// Number of the moment `unit` of [`UNITS`] of the block.
@@ -449,10 +478,11 @@ mod tests {
         let mut work = Work::default();
         let (mut out, mut together) = (Vec::new(), 0);
         for row in 0..lists.row_count() {
-            for (column, entries) in lists.row(row).iter().enumerate() {
+            for (column, list) in lists.row(&world, row).iter().enumerate() {
+                let entries = &list.entries[..];
                 let from = out.len();
                 for stride in [1, 0] {
-                    evaluator.enter_tile(&mut work, entries, [column, row]);
+                    evaluator.enter_tile(&mut work, list, [column, row]);
                     for pixel in 0..PIXELS {
                         evaluator.activity(&mut work, entries, pixel);
                         evaluator.expect(&mut work, pixel, stride);
@@ -472,6 +502,49 @@ mod tests {
             }
         }
         (out, together)
+    }
+
+    #[test]
+    fn light_stays_between_its_bounds() {
+        let names = ["spinner", "desk", "street", "warehouse"];
+        let mut scenes: Vec<_> = names.map(|n| (n, evis_scene::builtin::load(n, 0).unwrap())).into();
+        scenes.push(("solids", crate::scene::testing::solids()));
+        let block = Block { start_us: 98_304.0, end_us: 131_072.0, jump: false };
+        for (name, scene) in &scenes {
+            let world = World::new(scene, 0, Some((100, 76))).unwrap();
+            let mut clock = Clock::new(&world, block);
+            let lists = Lists::new(&world, &mut clock).unwrap();
+            let mut lighting = Lighting::new(&world, &Shared::new(scene));
+            lighting.prepare(&mut clock, &block).unwrap();
+            let evaluator =
+                Evaluator { world: &world, lists: &lists, lighting: &lighting, block, once: false };
+            let mut work = Work::default();
+            // Pixels that move, and those of them of which bounds say that light stays within a fifth of itself.
+            let (mut count, mut near) = (0, 0);
+            for row in 0..lists.row_count() {
+                for (column, list) in lists.row(&world, row).iter().enumerate() {
+                    evaluator.enter_tile(&mut work, list, [column, row]);
+                    let still: [bool; PIXELS] = std::array::from_fn(|pixel| {
+                        evaluator.activity(&mut work, &list.entries, pixel).still
+                    });
+                    for pixel in (0..PIXELS).filter(|pixel| !still[*pixel]) {
+                        evaluator.enter_pixel(&mut work, pixel);
+                        let at = |unit| evaluator.luminance(&mut work, &list.entries, unit);
+                        let light: Vec<f64> = (0..=UNITS).step_by(UNITS as usize / 12).map(at).collect();
+                        let [low, high] =
+                            [f64::min, f64::max].map(|of| light.iter().copied().fold(light[0], of));
+                        let (inside, tiny) = (f64::INFINITY, 1e-4 * high);
+                        let mut within = |range| evaluator.stays_within(&mut work, pixel, range);
+                        assert!(!within([low + tiny, inside]), "{name}, {column} {row} {pixel}: {light:?}");
+                        assert!(!within([-inside, high - tiny]), "{name}, {column} {row} {pixel}: {light:?}");
+                        near += usize::from(within([low / 1.2, high * 1.2]));
+                        count += 1;
+                    }
+                }
+            }
+            println!("{name}: of {count} pixels that move {near} stay within a fifth");
+            assert!(count > 500 && (*name != "solids" || 2 * near > count), "{near} of {count}");
+        }
     }
 
     #[test]

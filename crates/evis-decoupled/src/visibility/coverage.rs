@@ -601,7 +601,7 @@ mod tests {
         for (row, column) in (0..lists.row_count()).flat_map(|row| (0..lists.columns).map(move |c| (row, c)))
         {
             let view = world.tile([column, row]);
-            let entries = &lists.row(row)[column];
+            let entries = &lists.row(&world, row)[column].entries;
             let sights: Vec<Option<Sight>> = entries
                 .iter()
                 .map(|e| Sight::new(&lists.records[e.record as usize], &view, 0.5, &lists.depths))

@@ -9,7 +9,7 @@ use glam::{DVec3, Vec4};
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::scene::facets::{CORNERS, corners, wide};
+use crate::scene::facets::{ALONE, CORNERS, corners, wide};
 use crate::scene::screen::Depths;
 use crate::scene::tiles::{LensTiles, TILE, TileView};
 use crate::scene::world::World;
@@ -33,6 +33,8 @@ pub struct Record {
     pub crosses_far: bool,
     /// It shows the same side throughout.
     pub one_side: bool,
+    /// Then that is its front.
+    front: bool,
     /// Both sides are drawn.
     pub double_sided: bool,
     /// Its pose mirrors: the outside is where corners run clockwise.
@@ -58,6 +60,28 @@ pub struct Entry {
     pub touches: u64,
     /// Pixels that it covers throughout the block.
     pub covers: u64,
+    /// Pixels that each of its edges may enter.
+    crossed: [u64; CORNERS],
+    /// Pixels whose centres it covers at the start of its span.
+    at_start: u64,
+}
+
+/// What a tile may show during a block.
+#[derive(Clone, Debug, Default)]
+pub struct TileList {
+    /// In the order of facets, then of time.
+    pub entries: Vec<Entry>,
+    /// Pixels that they fill throughout: what lies behind everything is not seen there.
+    pub filled: u64,
+}
+
+/// Pixels of a tile that facets of one surface cover together throughout a block.
+struct Sheet {
+    /// Of which entries of the tile.
+    entries: std::ops::Range<usize>,
+    pixels: u64,
+    /// All of it lies nearer than this.
+    depth: f64,
 }
 
 /// What a block may show.
@@ -124,29 +148,114 @@ impl Lists {
         self.rows.len()
     }
 
-    /// Entries of the tiles of row `row`, from left to right.
-    pub fn row(&self, row: usize) -> Vec<Vec<Entry>> {
-        let mut tiles = vec![Vec::new(); self.columns];
+    /// What the tiles of row `row` may show of `world`, from left to right.
+    pub fn row(&self, world: &World, row: usize) -> Vec<TileList> {
+        let mut tiles = vec![TileList::default(); self.columns];
         for &index in &self.rows[row] {
             let record = &self.records[index as usize];
             if let Some(views) = &self.tiles {
                 for (tile, view) in tiles.iter_mut().zip(views.row(row)) {
                     let met = view.pixels != 0 && view.meets(record.rect);
-                    tile.extend(met.then(|| record.entry_through(index, view)).flatten());
+                    tile.entries
+                        .extend(met.then(|| record.entry_through(index, view, &self.depths)).flatten());
                 }
                 continue;
             }
             let [from, to] = [record.rect[0], record.rect[2]].map(|x| tile_of(x, self.columns));
             for (column, tile) in tiles.iter_mut().enumerate().take(to + 1).skip(from) {
-                if let Some(entry) = record.entry(index, column, row) {
-                    tile.push(entry);
+                if let Some(entry) = record.entry(index, [column, row], &self.depths) {
+                    tile.entries.push(entry);
                 }
             }
         }
-        for tile in &mut tiles {
-            self.hide(tile);
+        for (column, TileList { entries, filled }) in tiles.iter_mut().enumerate() {
+            *filled = entries.iter().fold(0, |pixels, entry| pixels | entry.covers);
+            let rect = world.tile([column, row]).rect;
+            for sheet in &self.sheets(world, entries, rect) {
+                *filled |= sheet.pixels;
+                self.hide_behind(sheet, entries, rect);
+            }
+            self.hide(entries);
         }
         tiles
+    }
+
+    /// Pixels that the facets of a surface cover together.
+    ///
+    /// Where every edge that may enter a pixel has a neighbour beyond it that shows the same side and may be there, too, the
+    /// surface has no border in the pixel at any time: it covers all of it throughout if it covers any place of it at any time.
+    /// The tile sees no more than `rect`.
+    fn sheets(&self, world: &World, entries: &[Entry], rect: [f64; 4]) -> Vec<Sheet> {
+        let record = |entry: &Entry| &self.records[entry.record as usize];
+        let surface = |entry: &Entry| world.facets[record(entry).facet as usize].surface;
+        let mut sheets = Vec::new();
+        let mut first = 0;
+        for own in entries.chunk_by(|a, b| surface(a) == surface(b)) {
+            let at = first..first + own.len();
+            first = at.end;
+            if own.len() < 2 || own.iter().all(|entry| entry.at_start == 0) {
+                continue;
+            }
+            // All facets of a surface have the same spans.
+            let mut spans: Vec<[f64; 2]> = Vec::new();
+            for entry in own {
+                let u = record(entry).u;
+                if !spans.contains(&u) {
+                    spans.push(u);
+                }
+            }
+            let times: f64 = spans.iter().map(|u| u[1] - u[0]).sum();
+            let within = |u: [f64; 2]| self.within_span(world, own, u, rect);
+            let pixels = if times < 1.0 { 0 } else { spans.into_iter().fold(u64::MAX, |p, u| p & within(u)) };
+            if pixels != 0 {
+                let seen = own.iter().filter(|entry| entry.touches & pixels != 0);
+                let depth = seen.map(|entry| record(entry).depth[1]).fold(0.0, f64::max);
+                sheets.push(Sheet { entries: at, pixels, depth });
+            }
+        }
+        sheets
+    }
+
+    /// Pixels that the entries `own` of one surface cover throughout their span `u`.
+    fn within_span(&self, world: &World, own: &[Entry], u: [f64; 2], rect: [f64; 4]) -> u64 {
+        let record = |entry: &Entry| &self.records[entry.record as usize];
+        let entries = || own.iter().filter(|entry| record(entry).u == u);
+        let mut pixels = entries().fold(0, |pixels, entry| pixels | entry.at_start);
+        for entry in entries() {
+            let here = record(entry);
+            if !here.goes_on(rect, &self.depths) {
+                pixels &= !entry.touches;
+                continue;
+            }
+            for (edge, other) in world.neighbors[here.facet as usize].into_iter().enumerate() {
+                let mut open = entry.crossed[edge] & entry.touches & pixels;
+                if open != 0
+                    && other != ALONE
+                    && let Ok(at) = own.binary_search_by(|entry| {
+                        let there = record(entry);
+                        there.facet.cmp(&other).then(there.u[0].total_cmp(&u[0]))
+                    })
+                    && record(&own[at]).front == here.front
+                {
+                    open &= !own[at].touches;
+                }
+                pixels &= !open;
+            }
+        }
+        pixels
+    }
+
+    /// Takes from each entry the pixels in which `sheet` hides it; the tile sees no more than `rect`.
+    fn hide_behind(&self, sheet: &Sheet, entries: &mut [Entry], rect: [f64; 4]) {
+        for (number, entry) in entries.iter_mut().enumerate() {
+            if entry.touches & sheet.pixels != 0
+                && !sheet.entries.contains(&number)
+                && self.records[entry.record as usize].is_beyond(sheet.depth, rect)
+            {
+                entry.touches &= !sheet.pixels;
+                entry.covers &= !sheet.pixels;
+            }
+        }
     }
 
     /// Takes from each entry the pixels in which another one hides it throughout.
@@ -297,6 +406,7 @@ impl Record {
             crosses_near,
             crosses_far,
             one_side,
+            front,
             double_sided,
             mirrored,
             edges,
@@ -311,35 +421,38 @@ impl Record {
         self.u == [0.0, 1.0]
     }
 
-    /// Its entry in the tile at (`column`, `row`); `None` where no pixel of it may see it.
-    fn entry(&self, index: u32, column: usize, row: usize) -> Option<Entry> {
-        let (left, top) = ((column * TILE) as f64, (row * TILE) as f64);
-        self.entry_at(index, ([left, top], 0.0), self.pixels_of_rect(left, top), &self.edges)
+    /// Its entry in the tile at (column, row); `None` where no pixel of it may see it.
+    fn entry(&self, index: u32, tile: [usize; 2], depths: &Depths) -> Option<Entry> {
+        let [left, top] = tile.map(|v| (v * TILE) as f64);
+        let rect = [left, top, left + TILE as f64, top + TILE as f64];
+        let whole = self.whole_block() && self.goes_on(rect, depths);
+        self.entry_at((index, whole), ([left, top], 0.0), self.pixels_of_rect(left, top), &self.edges)
     }
 
     /// The same of a tile of a distorted lens.
-    fn entry_through(&self, index: u32, view: &TileView) -> Option<Entry> {
+    fn entry_through(&self, index: u32, view: &TileView, depths: &Depths) -> Option<Entry> {
         let edges = self.edges.map(|edge| edge.map(|line| view.line(line)));
-        self.entry_at(index, ([-0.5 * TILE as f64; 2], view.margin), view.pixels, &edges)
+        let whole = self.whole_block() && self.goes_on(view.rect, depths);
+        self.entry_at((index, whole), ([-0.5 * TILE as f64; 2], view.margin), view.pixels, &edges)
     }
 
     /// Its entry in a tile whose left top corner is at (`left`, `top`) in the coordinates of `edges`, among the pixels `touches`,
-    /// which lie elsewhere by `margin` at most.
+    /// which lie elsewhere by `margin` at most. `whole` says that nothing but its edges ends it there, at any time.
     fn entry_at(
         &self,
-        index: u32,
+        (index, whole): (u32, bool),
         ([left, top], margin): ([f64; 2], f64),
         mut touches: u64,
         edges: &[[DVec3; 5]; CORNERS],
     ) -> Option<Entry> {
         let half = 0.5 * TILE as f64;
         let middle = DVec3::new(left + half, top + half, 1.0);
-        let mut covers = u64::MAX;
-        if !self.one_side || self.crosses_near || self.crosses_far || !self.whole_block() {
+        let (mut covers, mut at_start, mut crossed) = (u64::MAX, u64::MAX, [0; CORNERS]);
+        if !whole {
             covers = 0;
         }
         if self.one_side {
-            for edge in edges {
+            for (edge, crossed) in edges.iter().zip(&mut crossed) {
                 let (mut most, mut least) = (f64::NEG_INFINITY, f64::INFINITY);
                 for e in edge {
                     let (value, reach) = (e.dot(middle), (half + margin) * (e.x.abs() + e.y.abs()));
@@ -350,13 +463,16 @@ impl Record {
                     return None;
                 }
                 if least < 0.0 {
-                    let (t, c) = pixels_of_edge(edge, left, top, margin);
-                    touches &= t;
-                    covers &= c;
+                    let pixels = pixels_of_edge(edge, left, top, margin);
+                    touches &= pixels.within;
+                    covers &= pixels.throughout;
+                    at_start &= pixels.at_start;
+                    *crossed = pixels.within & !pixels.throughout;
                 }
             }
         }
-        (touches != 0).then_some(Entry { record: index, touches, covers: covers & touches })
+        let (covers, at_start) = (covers & touches, at_start & touches);
+        (touches != 0).then_some(Entry { record: index, touches, covers, crossed, at_start })
     }
 
     fn pixels_of_rect(&self, left: f64, top: f64) -> u64 {
@@ -387,6 +503,32 @@ impl Record {
         behind && (!all_coplanar || self.facet < other.facet)
     }
 
+    /// Whether it shows one side throughout its span, and image points in `rect` show nothing of it that a plane of the camera
+    /// cuts.
+    fn goes_on(&self, rect: [f64; 4], depths: &Depths) -> bool {
+        let clear = |crosses: bool, of: &dyn Fn([f64; 2]) -> bool| !crosses || of(self.inverse_depths(rect));
+        self.one_side
+            && clear(self.crosses_near, &|[_, most]| most < (1.0 - COPLANAR) / depths.near)
+            && clear(self.crosses_far, &|[least, _]| least > (1.0 + COPLANAR) / depths.far)
+    }
+
+    /// Whether what image points in `rect` show of it lies farther than `depth`.
+    fn is_beyond(&self, depth: f64, rect: [f64; 4]) -> bool {
+        self.depth[0] > depth || self.one_side && self.inverse_depths(rect)[1] < (1.0 - COPLANAR) / depth
+    }
+
+    /// Least and greatest 1/depth of its plane over `rect` during its span; it shows one side.
+    fn inverse_depths(&self, rect: [f64; 4]) -> [f64; 2] {
+        let mut range = [f64::INFINITY, f64::NEG_INFINITY];
+        for [x, y] in [[0, 1], [2, 1], [0, 3], [2, 3]] {
+            let q = self.inverse_depth.map(|plane| plane.dot(DVec3::new(rect[x], rect[y], 1.0)));
+            let bend = (q[0] - 2.0 * q[1] + q[2]).abs();
+            let [least, most] = [f64::min, f64::max].map(|of: fn(f64, f64) -> f64| of(of(q[0], q[1]), q[2]));
+            range = [range[0].min(least - bend), range[1].max(most + bend)];
+        }
+        range
+    }
+
     /// Homogeneous image point of `corner` at `v` of its span.
     pub(crate) fn point(&self, corner: usize, v: f64) -> DVec3 {
         let [p, q, r] = &self.points;
@@ -394,16 +536,28 @@ impl Record {
     }
 }
 
-/// Pixels of a tile that may lie inside an edge, and those that lie inside it throughout.
-fn pixels_of_edge(edge: &[DVec3; 5], left: f64, top: f64, margin: f64) -> (u64, u64) {
+/// Pixels of a tile by where they lie of an edge during a block.
+struct EdgePixels {
+    /// Inside, in part or at some time, maybe.
+    within: u64,
+    /// Inside throughout.
+    throughout: u64,
+    /// Their centres inside at the start.
+    at_start: u64,
+}
+
+/// Where the pixels of a tile lie of an edge.
+fn pixels_of_edge(edge: &[DVec3; 5], left: f64, top: f64, margin: f64) -> EdgePixels {
     // What rounding to 32 bits may add; edges are of unit gradient, about.
     const SLACK: f32 = 1e-4;
     let mut most = [Vec4::NEG_INFINITY; TILE * TILE / 4];
     let mut least = [Vec4::INFINITY; TILE * TILE / 4];
-    for e in edge {
+    let mut first = [Vec4::ZERO; TILE * TILE / 4];
+    for (k, e) in edge.iter().enumerate() {
         let corner = e.dot(DVec3::new(left + 0.5, top + 0.5, 1.0)) as f32;
         let (a, b) = (e.x as f32, e.y as f32);
         let reach = (0.5 + margin as f32) * (a.abs() + b.abs());
+        let off = margin as f32 * (a.abs() + b.abs());
         let across = Vec4::new(0.0, 1.0, 2.0, 3.0) * a;
         for y in 0..TILE {
             let start = corner + b * y as f32;
@@ -412,6 +566,9 @@ fn pixels_of_edge(edge: &[DVec3; 5], left: f64, top: f64, margin: f64) -> (u64, 
                 let slot = 2 * y + half;
                 most[slot] = most[slot].max(value + reach);
                 least[slot] = least[slot].min(value - reach);
+                if k == 0 {
+                    first[slot] = value - off;
+                }
             }
         }
     }
@@ -419,7 +576,7 @@ fn pixels_of_edge(edge: &[DVec3; 5], left: f64, top: f64, margin: f64) -> (u64, 
         let of = |(k, v): (usize, &Vec4)| u64::from(v.cmpge(Vec4::splat(least)).bitmask()) << (4 * k);
         values.iter().enumerate().map(of).fold(0, |a, b| a | b)
     };
-    (bits(&most, -SLACK), bits(&least, SLACK))
+    EdgePixels { within: bits(&most, -SLACK), throughout: bits(&least, SLACK), at_start: bits(&first, SLACK) }
 }
 
 /// Box around the image of a hull; `None` where all of it is nearer than `near`.

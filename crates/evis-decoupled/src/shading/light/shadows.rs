@@ -258,6 +258,10 @@ impl Lighting<'_> {
                     };
                     self.moving.within(meets, |other| {
                         let other = other as usize;
+                        let sees_lamp = self.facing[facet as usize][0] >> number & 1 == 1;
+                        if other == surface && self.world.surfaces[surface].convex && sees_lamp {
+                            return;
+                        }
                         if other == surface && !self.own_facets[other].is_empty() {
                             self.find_own_occluders(facet, slot.range, number, weight, &mut tile.found);
                         } else {
