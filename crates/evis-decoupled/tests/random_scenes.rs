@@ -17,7 +17,7 @@ use glam::{DQuat, DVec3};
 
 mod common;
 
-use common::camera;
+use common::{add_of, camera};
 
 const SIZE: [usize; 2] = [40, 32];
 
@@ -172,22 +172,13 @@ fn solids(seed: u64, motion: f64) -> Scene {
             Material { model: ShadingModel::Unlit, double_sided: i % 4 == 3, ..Material::default() };
         let depth = dice.between(1.5, 5.0);
         let place = DVec3::new(dice.between(-0.5, 0.5) * depth, dice.between(-0.4, 0.4) * depth, -depth);
-        add_of(&mut scene, (shape, segments), material, turning(&mut dice, place, 5.0));
+        add_of(&mut scene, (shape, Some(segments)), material, turning(&mut dice, place, 5.0));
     }
     let start = Trs { translation: DVec3::new(0.0, -1.0, 0.0), ..Trs::default() };
     let floor = Motion::Path(Arc::new(Path::ConstantVelocity { start, velocity: dice.vector(motion) }));
     let material = Material { model: ShadingModel::Unlit, ..Material::default() };
-    add_of(&mut scene, (Shape::Plane { size: [12.0, 12.0] }, [6, 6]), material, floor);
+    add_of(&mut scene, (Shape::Plane { size: [12.0, 12.0] }, Some([6, 6])), material, floor);
     scene
-}
-
-fn add_of(scene: &mut Scene, (shape, segments): (Shape, [u32; 2]), material: Material, motion: Motion) {
-    let number = scene.materials.len();
-    scene.materials.push(material);
-    let primitive = Primitive { material: number, ..shape.build(Some(segments), [1.0; 2]).unwrap() };
-    let mesh = Some(scene.meshes.len());
-    scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
-    scene.add_node(Node { mesh, motion, ..Node::default() });
 }
 
 /// What samples of a scene found.
@@ -202,7 +193,9 @@ struct Seen {
     filled: usize,
     together: usize,
     empty: usize,
-    kinds: std::collections::BTreeSet<u32>,
+    /// Scenes, and their facets that were seen.
+    scenes: usize,
+    kinds: std::collections::BTreeSet<(usize, u32)>,
 }
 
 impl Seen {
@@ -213,6 +206,7 @@ impl Seen {
         let mut clock = Clock::new(&world, block);
         let lists = Lists::new(&world, &mut clock).unwrap();
         let rows: Vec<_> = (0..lists.row_count()).map(|r| lists.row(&world, r)).collect();
+        self.scenes += 1;
         for k in 0..12 {
             let t_us = block.start_us + block.length_us() * f64::from(k) / 11.5;
             let (facets, depths) = (exact(&world, t_us), world.frame(t_us).unwrap().depths);
@@ -238,8 +232,9 @@ impl Seen {
                     })
                 };
                 self.samples += 1;
-                self.kinds.insert(facet);
+                self.kinds.insert((self.scenes, facet));
                 self.missing += usize::from(!listed(usize::MAX));
+                // Canary: lists that lack one entry.
                 self.canary += usize::from(!listed((x + y) % tile.entries.len().max(1)));
             }
         }
@@ -258,7 +253,7 @@ fn what_is_seen_is_in_its_tile_s_list() {
         "{samples} samples of {} facets, {missing} missing, {canary} if an entry lacks; {filled} filled",
         kinds.len()
     );
-    assert!(samples > 100_000 && kinds.len() > 30, "{} facets", kinds.len());
+    assert!(samples > 100_000 && kinds.len() > 60, "{} facets", kinds.len());
     assert_eq!([missing, empty], [0; 2], "of {samples}");
     assert!(canary > 1000, "{canary}");
 }

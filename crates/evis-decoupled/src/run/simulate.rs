@@ -449,8 +449,7 @@ impl Row {
             let path = self.paths[column * PIXELS + pixel].as_mut();
             if !activity.still
                 && let Some(path) = path
-                && let Some(quiet) = path.quiet(thresholds)
-                && evaluator.stays_within(work, pixel, quiet)
+                && evaluator.stays_within(work, pixel, path.quiet(thresholds))
             {
                 path.rest();
                 self.report.quiet += 1;

@@ -114,14 +114,17 @@ impl Default for TileView {
     }
 }
 
+/// Left, top, right and bottom of the tile at (column, row) of a pinhole.
+pub fn rect(place: [usize; 2]) -> [f64; 4] {
+    let [left, top] = place.map(|v| (v * TILE) as f64);
+    [left, top, left + TILE as f64, top + TILE as f64]
+}
+
 impl TileView {
     /// The tile at (column, row) of a pinhole.
     pub fn of_pinhole(place: [usize; 2]) -> Self {
-        let [left, top] = place.map(|v| (v * TILE) as f64);
-        Self {
-            rect: [left, top, left + 2.0 * HALF, top + 2.0 * HALF],
-            ..Self::about([left + HALF, top + HALF])
-        }
+        let rect = rect(place);
+        Self { rect, ..Self::about([rect[0] + HALF, rect[1] + HALF]) }
     }
 
     /// Pixels about a point of the picture itself.

@@ -21,6 +21,8 @@ const CLUSTER: usize = 64;
 const MOST_PERIODS: f64 = 0.125;
 /// The shortest block in microseconds.
 pub const LEAST_BLOCK_US: i64 = 64;
+/// Part of a solid's diagonal by which a neighbour may rise above a facet's plane.
+const FLAT: f64 = 1e-6;
 
 /// A primitive of a node.
 #[derive(Clone, Debug)]
@@ -48,9 +50,6 @@ pub struct Surface {
     /// Box around its vertices in its own space; of deforming ones, as modelled.
     pub bounds: [DVec3; 2],
 }
-
-/// Part of a solid's diagonal by which a neighbour may rise above a facet's plane.
-const FLAT: f64 = 1e-6;
 
 /// Neighbouring facets of one surface.
 #[derive(Clone, Debug)]
@@ -470,9 +469,10 @@ fn moving_nodes(scene: &Scene) -> Vec<bool> {
 #[cfg(test)]
 mod tests {
     use evis_scene::primitive::Shape;
-    use evis_scene::{Camera, Lens, Material, Mesh, Node};
+    use evis_scene::{Camera, Lens, Material, Node};
 
     use super::*;
+    use crate::scene::testing;
 
     #[test]
     fn solids_without_hollows_are_convex() {
@@ -504,9 +504,8 @@ mod tests {
             (build(Shape::Card { size: [1.0, 1.0] }), false),
         ];
         let mut scene = Scene { materials: vec![Material::default()], ..Scene::default() };
-        for (number, (primitive, _)) in primitives.iter().enumerate() {
-            scene.meshes.push(Mesh { primitives: vec![primitive.clone()], ..Mesh::default() });
-            scene.add_node(Node { mesh: Some(number), ..Node::default() });
+        for (primitive, _) in &primitives {
+            testing::add(&mut scene, primitive.clone(), Motion::default());
         }
         let node = scene.add_node(Node::default());
         scene.cameras.push(Camera::new("camera", node, Lens::FieldOfView { fov_y: 0.8 }));

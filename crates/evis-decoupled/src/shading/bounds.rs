@@ -28,12 +28,15 @@ pub fn ranges(nodes: &[[f32; 4]], lamps: usize) -> Box<[[[f32; 4]; 2]]> {
 
 /// Least and greatest `linear * base + constant` of a node between two, and base colours between two.
 pub fn luminances([low, high]: [[f32; 4]; 2], base: [DVec3; 2]) -> [f64; 2] {
-    let [low, high] = [low, high].map(|v| v.map(f64::from));
-    let mut range = [low[3], high[3]];
-    for k in 0..3 {
-        let products = [low[k] * base[0][k], low[k] * base[1][k], high[k] * base[0][k], high[k] * base[1][k]];
-        range[0] += products.into_iter().fold(f64::INFINITY, f64::min);
-        range[1] += products.into_iter().fold(f64::NEG_INFINITY, f64::max);
-    }
-    range
+    let node = |k: usize| [low[k], high[k]].map(f64::from);
+    (0..3).fold(node(3), |sum, k| {
+        let [least, most] = product(node(k), base.map(|b| b[k]));
+        [sum[0] + least, sum[1] + most]
+    })
+}
+
+/// Least and greatest product of a number between two, and another one between two.
+pub fn product([a, b]: [f64; 2], [c, d]: [f64; 2]) -> [f64; 2] {
+    let products = [a * c, a * d, b * c, b * d];
+    [f64::min, f64::max].map(|of| products.into_iter().fold(products[0], of))
 }

@@ -209,7 +209,7 @@ pub struct TileLight {
     patches: Vec<Arc<Patch>>,
     /// Facets of all slots and lamps, with the pixels that they may darken.
     occluders: Vec<(u64, u32)>,
-    /// Per slot, bounds of its light, found when they are first asked for; `None` of those that have none.
+    /// Per slot, bounds of its light, found when they are first asked for, and maybe none; empty until any are asked for.
     bounds: Vec<Option<Option<Bounds<MOST_OWN>>>>,
     view: TileView,
     found: Vec<u32>,
@@ -477,7 +477,6 @@ impl<'a> Lighting<'a> {
         tile.warps.clear();
         tile.patches.clear();
         tile.bounds.clear();
-        tile.bounds.resize(entries.len(), None);
         tile.occluders.clear();
         tile.line_starts.clear();
         tile.lines.clear();

@@ -149,18 +149,16 @@ impl PixelPath {
     }
 
     /// Luminances between which it fires nothing.
-    pub fn quiet(&self, thresholds: &Thresholds) -> Option<[f64; 2]> {
+    pub fn quiet(&self, thresholds: &Thresholds) -> [f64; 2] {
         let Reference { above, below, .. } = self.reference;
         // What is followed may be off by as much.
         let off = |level: f64| TOLERANCE * (level.abs() + thresholds.floor());
-        let [low, high] = [below + off(below), above - off(above)];
-        (low < high).then_some([low, high])
+        [below + off(below), above - off(above)]
     }
 
     /// Leaves out a block in which it fires nothing.
     pub fn rest(&mut self) {
         self.rested = true;
-        self.before = None;
     }
 
     /// Follows the pixel through a block; `light` evaluates it at parts of the block in [`UNITS`], `fire` takes events in
@@ -258,7 +256,7 @@ mod tests {
         assert_eq!(levels, same);
         // One more at its start; light that was not what it goes on from would be looked for in ever shorter intervals.
         assert!(more <= count + 3, "{count} {more}");
-        let [low, high] = levels.unwrap();
+        let [low, high] = levels;
         assert!(low < light(98_304.0) && light(98_304.0) < high, "{low} {high}");
     }
 }

@@ -536,32 +536,16 @@ impl Regions {
 #[cfg(test)]
 mod tests {
     use evis_scene::primitive::Shape;
-    use evis_scene::{Camera, Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel};
+    use evis_scene::{Camera, Lens, Material, Motion, Node, Primitive, Scene, ShadingModel};
     use glam::{DMat4, DQuat, DVec3};
 
     use super::*;
+    use crate::scene::testing;
     use crate::scene::tiles::PIXELS;
     use crate::scene::world::World;
     use crate::visibility::blocks::{Block, Clock};
     use crate::visibility::fragment::Sight;
     use crate::visibility::lists::Lists;
-
-    /// Around the y axis, with the radii of its ring and of its tube.
-    fn torus([ring, tube]: [f64; 2], [around, across]: [u32; 2]) -> Primitive {
-        let mut made = Primitive::default();
-        for (i, j) in (0..around).flat_map(|i| (0..across).map(move |j| (i, j))) {
-            let (sin, cos) = (std::f64::consts::TAU * f64::from(i) / f64::from(around)).sin_cos();
-            let (up, out) = (std::f64::consts::TAU * f64::from(j) / f64::from(across)).sin_cos();
-            let normal = DVec3::new(out * sin, up, out * cos);
-            let place = DVec3::new(ring * sin, 0.0, ring * cos) + normal * tube;
-            made.positions.push(place.as_vec3().to_array());
-            made.normals.push(normal.as_vec3().to_array());
-            let corner = |i: u32, j: u32| i % around * across + j % across;
-            let [a, b, c, d] = [corner(i, j), corner(i + 1, j), corner(i + 1, j + 1), corner(i, j + 1)];
-            made.indices.extend([a, b, c, a, c, d]);
-        }
-        made
-    }
 
     /// Dense meshes that hide parts of each other and of themselves before a wall that some lie beside, and through which one goes.
     fn scene() -> Scene {
@@ -570,14 +554,15 @@ mod tests {
         scene.materials.extend([unlit.clone(), Material { double_sided: true, ..unlit }]);
         let of = |shape: Shape, segments: [u32; 2]| shape.build(Some(segments), [1.0; 2]).unwrap();
         let mut add = |primitive: Primitive, place: DVec3, turn: f64| {
-            let mesh = Some(scene.meshes.len());
-            scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
             let rotation = DQuat::from_axis_angle(DVec3::new(0.4, 1.0, 0.2).normalize(), turn);
-            let motion = Motion::Fixed(DMat4::from_rotation_translation(rotation, place));
-            scene.add_node(Node { mesh, motion, ..Node::default() });
+            testing::add(
+                &mut scene,
+                primitive,
+                Motion::Fixed(DMat4::from_rotation_translation(rotation, place)),
+            );
         };
         add(of(Shape::Card { size: [3.0, 2.0] }, [1, 1]), DVec3::new(0.3, 0.0, -4.0), 0.0);
-        let ring = torus([0.45, 0.2], [40, 20]);
+        let ring = testing::torus([0.45, 0.2], [40, 20]);
         let both_sides = Primitive { material: 1, ..ring.clone() };
         add(ring, DVec3::new(-0.4, 0.1, -2.5), 1.2);
         add(both_sides, DVec3::new(-0.5, -0.6, -2.8), 0.5);

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 use crate::Error;
 use crate::scene::facets::{ALONE, CORNERS, corners, wide};
 use crate::scene::screen::Depths;
-use crate::scene::tiles::{LensTiles, TILE, TileView};
+use crate::scene::tiles::{LensTiles, TILE, TileView, rect};
 use crate::scene::world::World;
 use crate::visibility::blocks::{Clock, Span};
 
@@ -64,6 +64,14 @@ pub struct Entry {
     crossed: [u64; CORNERS],
     /// Pixels whose centres it covers at the start of its span.
     at_start: u64,
+}
+
+impl Entry {
+    /// Takes `pixels` from it.
+    fn hide(&mut self, pixels: u64) {
+        self.touches &= !pixels;
+        self.covers &= !pixels;
+    }
 }
 
 /// What a tile may show during a block.
@@ -170,7 +178,8 @@ impl Lists {
         }
         for (column, TileList { entries, filled }) in tiles.iter_mut().enumerate() {
             *filled = entries.iter().fold(0, |pixels, entry| pixels | entry.covers);
-            let rect = world.tile([column, row]).rect;
+            let tiles = self.tiles.as_ref();
+            let rect = tiles.map_or_else(|| rect([column, row]), |tiles| tiles.row(row)[column].rect);
             for sheet in &self.sheets(world, entries, rect) {
                 *filled |= sheet.pixels;
                 self.hide_behind(sheet, entries, rect);
@@ -252,8 +261,7 @@ impl Lists {
                 && !sheet.entries.contains(&number)
                 && self.records[entry.record as usize].is_beyond(sheet.depth, rect)
             {
-                entry.touches &= !sheet.pixels;
-                entry.covers &= !sheet.pixels;
+                entry.hide(sheet.pixels);
             }
         }
     }
@@ -270,8 +278,7 @@ impl Lists {
                 if back != front && entry.touches & covers != 0 {
                     let hidden = &self.records[entry.record as usize];
                     if occluder.hides(hidden) {
-                        entry.touches &= !covers;
-                        entry.covers &= !covers;
+                        entry.hide(covers);
                     }
                 }
             }
@@ -423,9 +430,9 @@ impl Record {
 
     /// Its entry in the tile at (column, row); `None` where no pixel of it may see it.
     fn entry(&self, index: u32, tile: [usize; 2], depths: &Depths) -> Option<Entry> {
-        let [left, top] = tile.map(|v| (v * TILE) as f64);
-        let rect = [left, top, left + TILE as f64, top + TILE as f64];
+        let rect = rect(tile);
         let whole = self.whole_block() && self.goes_on(rect, depths);
+        let [left, top, ..] = rect;
         self.entry_at((index, whole), ([left, top], 0.0), self.pixels_of_rect(left, top), &self.edges)
     }
 

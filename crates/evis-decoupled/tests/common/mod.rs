@@ -56,9 +56,19 @@ pub fn camera(node: usize, lens: Lens) -> Camera {
 
 /// A shape of a material of its own, on a node that moves so.
 pub fn add(scene: &mut Scene, shape: Shape, material: Material, motion: Motion) {
+    add_of(scene, (shape, None), material, motion);
+}
+
+/// The same of so many segments.
+pub fn add_of(
+    scene: &mut Scene,
+    (shape, segments): (Shape, Option<[u32; 2]>),
+    material: Material,
+    motion: Motion,
+) {
     let number = scene.materials.len();
     scene.materials.push(material);
-    let primitive = Primitive { material: number, ..shape.build(None, [1.0, 1.0]).unwrap() };
+    let primitive = Primitive { material: number, ..shape.build(segments, [1.0, 1.0]).unwrap() };
     let mesh = Some(scene.meshes.len());
     scene.meshes.push(Mesh { primitives: vec![primitive], ..Mesh::default() });
     scene.add_node(Node { mesh, motion, ..Node::default() });

@@ -3,7 +3,7 @@
 use glam::DVec3;
 
 use super::{Lighting, MOST_OWN, TileLight};
-use crate::shading::bounds::{Bounds, luminances};
+use crate::shading::bounds::{Bounds, luminances, product};
 use crate::shading::material;
 
 impl TileLight {
@@ -32,6 +32,7 @@ impl Lighting<'_> {
 
     /// Bounds of the light of `facet`, entry `slot` of its tile; `None` where it has maps, or its strength changes.
     pub fn bounds(&self, tile: &mut TileLight, facet: u32, slot: usize) -> Option<Bounds<MOST_OWN>> {
+        tile.bounds.resize(tile.slots.len(), None);
         if tile.bounds[slot].is_none() {
             tile.bounds[slot] = Some(self.find_bounds(tile, facet, slot));
         }
@@ -73,7 +74,7 @@ impl Lighting<'_> {
         let corners = [look.base, look.base + s, look.base + t, look.base + s + t];
         let [low, high] = [DVec3::min, DVec3::max].map(|of| corners.into_iter().fold(look.base, of));
         let texels = look.texture.map_or([DVec3::ONE; 2], |texture| self.shared.textures.range(texture));
-        let products = [low * texels[0], low * texels[1], high * texels[0], high * texels[1]];
-        [DVec3::min, DVec3::max].map(|of| products.into_iter().fold(products[0], of))
+        let [r, g, b] = [0, 1, 2].map(|k| product([low[k], high[k]], texels.map(|t| t[k])));
+        [0, 1].map(|end| DVec3::new(r[end], g[end], b[end]))
     }
 }

@@ -252,14 +252,15 @@ impl Lighting<'_> {
             let hull = (resting && beam.is_some()).then(|| Hull::before(cell, from, weight));
             match casters {
                 Casters::Moving => {
+                    let sees_lamp = self.facing[facet as usize][0] >> number & 1 == 1;
+                    let free_of_own = self.world.surfaces[surface].convex && sees_lamp;
                     let meets = |centre: DVec3, radius: f64| {
                         beam.as_ref().is_none_or(|b| b.meets(centre, radius))
                             && hull.as_ref().is_none_or(|h| h.meets_sphere(centre, radius))
                     };
                     self.moving.within(meets, |other| {
                         let other = other as usize;
-                        let sees_lamp = self.facing[facet as usize][0] >> number & 1 == 1;
-                        if other == surface && self.world.surfaces[surface].convex && sees_lamp {
+                        if other == surface && free_of_own {
                             return;
                         }
                         if other == surface && !self.own_facets[other].is_empty() {
