@@ -383,6 +383,9 @@ class Report:
         Instants sampled.
     drawn_pixels : int
         Pixels drawn for events, all views and instants, each by all of its samples; margins of keyframes too.
+    rendered_tiles : int
+        Tiles of 16x16 pixels, all views, whose events are rendered though the method is ``decoupled``: their triangles
+        are smaller than pixels.
     keyframes : int
         Keyframes drawn, all views; 0 for a method without them.
     clipped : int
@@ -412,6 +415,7 @@ class Report:
     clamped: int
     instants: int
     drawn_pixels: int
+    rendered_tiles: int
     keyframes: int
     clipped: int
     clipped_light: list[str]

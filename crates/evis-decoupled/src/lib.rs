@@ -20,7 +20,7 @@ pub mod shading;
 pub mod signal;
 pub mod visibility;
 
-pub use run::limits::{crowded, unsupported};
+pub use run::limits::{CrowdedTiles, crowded, crowded_tiles, unsupported};
 pub use run::simulate::{Outcome, Report, Settings, luminance, luminance_of, simulate};
 pub use run::stream::{Cost, Piece, Stream, StreamSettings, View};
 

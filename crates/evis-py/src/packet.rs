@@ -124,6 +124,7 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     dict.set_item("clamped", report.clamped)?;
     dict.set_item("instants", report.instants)?;
     dict.set_item("drawn_pixels", report.drawn_pixels)?;
+    dict.set_item("rendered_tiles", report.rendered_tiles)?;
     dict.set_item("keyframes", report.keyframes)?;
     dict.set_item("clipped", report.clipped)?;
     let clipped: Vec<String> =

@@ -40,7 +40,9 @@ mod world;
 mod tests;
 
 pub use config::dense::{DenseKind, DenseOutput};
-pub use config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows, scene_sensors};
+pub use config::{
+    Antialias, Interpolation, Method, Quality, RenderedTiles, RunConfig, Shadows, scene_sensors,
+};
 pub use engine::bench;
 pub use engine::{EnvironmentLens, EnvironmentSensor, PacketStream, Simulator};
 pub use error::EngineError;

@@ -84,6 +84,8 @@ impl Tally {
         sum.changed += new.changed;
         sum.findings.extend_from_slice(&new.findings);
         sum.drawn_pixels += new.drawn_pixels;
+        // The same in every packet.
+        sum.rendered_tiles = new.rendered_tiles;
         sum.keyframes += new.keyframes;
         sum.clipped += new.clipped;
         for light in &new.clipped_light {

@@ -5,7 +5,7 @@ use glam::DVec3;
 
 use crate::Error;
 use crate::scene::holes::Holes;
-use crate::scene::world::{World, fastest_hz};
+use crate::scene::world::{Frame, World, fastest_hz};
 use crate::shading::light::MOST_OWN;
 
 /// The fastest analytic motion, in periods per second: an eighth of a period takes the shortest block.
@@ -34,6 +34,9 @@ pub fn unsupported(scene: &Scene) -> Option<String> {
 const FEW_SMALL: usize = 10_000;
 /// Above that, how many per pixel of the picture.
 const SMALL_PER_PIXEL: f64 = 0.25;
+/// Times at which is seen where they are, and over how many seconds in scenes without an end.
+const TIMES: u32 = 9;
+const SECONDS: f64 = 1.0;
 
 /// How many triangles that camera `camera` may see at the start are smaller than a pixel, where these are so many that rendering
 /// costs a fraction of following each; else `None`. `size` is as in [`crate::Settings`].
@@ -41,24 +44,95 @@ const SMALL_PER_PIXEL: f64 = 0.25;
 /// # Errors
 /// A camera that does not exist, or whose lens, size or pose cannot be used.
 pub fn crowded(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result<Option<usize>, Error> {
-    let triangles_of = |mesh: usize| {
-        scene.meshes.get(mesh).map_or(0, |m| m.primitives.iter().map(|p| p.indices.len() / 3).sum())
-    };
-    let all: usize = scene.nodes.iter().filter_map(|node| node.mesh).map(triangles_of).sum();
     let lens = scene.pixel_lens(None, camera, size, 0.0)?;
     let pixels = f64::from(lens.width) * f64::from(lens.height);
     let most = FEW_SMALL.max((SMALL_PER_PIXEL * pixels) as usize);
-    if all <= most {
+    if triangles(scene) <= most {
         return Ok(None);
     }
     let world = World::new(scene, camera, size)?;
-    let frame = world.frame(0.0)?;
-    let [left, top, right, bottom] = world.seen();
     let mut small = 0;
+    for_each_small(&world, &world.frame(0.0)?, |_| small += 1);
+    Ok((small > most).then_some(small))
+}
+
+/// Tiles of a picture in which triangles are smaller than pixels.
+#[derive(Clone, Debug)]
+pub struct CrowdedTiles {
+    /// Whether a tile is one of them at some time, row by row.
+    pub tiles: Vec<bool>,
+    /// Triangles smaller than a pixel in them, at most at any time.
+    pub small: usize,
+}
+
+/// In which tiles of `side` pixels camera `camera` may see more than `per_pixel` triangles smaller than a pixel for each pixel, from
+/// `start_us` of the scene's time on. `None` where they are few in all, and where a lens is distorted: its tiles are none of the
+/// picture without distortion.
+///
+/// It is looked for at nine times until the scene ends, or of one second. `size` is as in [`crate::Settings`].
+///
+/// # Errors
+/// As [`crowded`].
+pub fn crowded_tiles(
+    scene: &Scene,
+    camera: usize,
+    size: Option<(u32, u32)>,
+    start_us: i64,
+    (side, per_pixel): (u32, f64),
+) -> Result<Option<CrowdedTiles>, Error> {
+    let lens = scene.pixel_lens(None, camera, size, 0.0)?;
+    let side = side.max(1);
+    let [columns, rows] = [lens.width, lens.height].map(|pixels| pixels.div_ceil(side) as usize);
+    if triangles(scene) <= FEW_SMALL {
+        return Ok(None);
+    }
+    let world = World::new(scene, camera, size)?;
+    if world.tiles.is_some() {
+        return Ok(None);
+    }
+    let start_s = start_us as f64 * 1e-6;
+    let left_s = scene.duration_s.map_or(SECONDS, |end_s| end_s - start_s);
+    let span_s = if left_s > 0.0 { left_s } else { SECONDS };
+    let most = (per_pixel * f64::from(side).powi(2)) as usize;
+    let mut found = CrowdedTiles { tiles: vec![false; columns * rows], small: 0 };
+    for k in 0..TIMES {
+        let at_s = start_s + span_s * f64::from(k) / f64::from(TIMES - 1);
+        let frame = match world.frame(at_s * 1e6) {
+            Ok(frame) => frame,
+            Err(error) if k == 0 => return Err(error),
+            // Poses end before the scene does.
+            Err(_) => break,
+        };
+        let mut counts = vec![0_usize; columns * rows];
+        for_each_small(&world, &frame, |[x, y]| {
+            let place = [x, y].map(|v| (v / f64::from(side)).max(0.0) as usize);
+            counts[place[1].min(rows - 1) * columns + place[0].min(columns - 1)] += 1;
+        });
+        let mut small = 0;
+        for (count, tile) in counts.into_iter().zip(&mut found.tiles).filter(|(count, _)| *count > most) {
+            *tile = true;
+            small += count;
+        }
+        found.small = found.small.max(small);
+    }
+    Ok((found.small > FEW_SMALL).then_some(found))
+}
+
+/// Triangles of a scene, those of each node.
+fn triangles(scene: &Scene) -> usize {
+    let of = |mesh: usize| {
+        scene.meshes.get(mesh).map_or(0, |m| m.primitives.iter().map(|p| p.indices.len() / 3).sum::<usize>())
+    };
+    scene.nodes.iter().filter_map(|node| node.mesh).map(of).sum()
+}
+
+/// Says of each triangle in the picture that shows its front and is smaller than a pixel where one of its corners is.
+fn for_each_small(world: &World, frame: &Frame, mut found: impl FnMut([f64; 2])) {
+    let [left, top, right, bottom] = world.seen();
     for (index, surface) in world.surfaces.iter().enumerate() {
         let mirrored = !surface.deforms && frame.world_from_node(surface.node).determinant() < 0.0;
         let image: Vec<DVec3> = world
-            .vertices(index as u32, &frame)
+            .vertices(index as u32, frame)
             .iter()
             .map(|(place, _)| frame.screen_from_world.point(*place))
             .map(|h| {
@@ -75,10 +149,11 @@ pub fn crowded(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result
             let area = 0.5 * (b - a).cross(c - a).z * if mirrored { -1.0 } else { 1.0 };
             let front = area < 0.0 || surface.double_sided;
             let inside = a.x > left && a.x < right && a.y > top && a.y < bottom;
-            small += usize::from(front && inside && area.abs() < 1.0);
+            if front && inside && area.abs() < 1.0 {
+                found([a.x, a.y]);
+            }
         }
     }
-    Ok((small > most).then_some(small))
 }
 
 #[cfg(test)]
@@ -130,5 +205,33 @@ mod tests {
         assert!((10_000..40_000).contains(&small), "{small} of 80 000 triangles");
         assert_eq!(small_of(200, (1280, 960)), None, "more pixels than triangles");
         assert!(crowded(&scene, 7, None).is_err(), "no such camera");
+    }
+
+    #[test]
+    fn tiles_are_crowded_where_triangles_are_and_at_any_time() {
+        let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
+        // The square, which spins in the middle, as a ball.
+        let node = scene.nodes.iter().rposition(|node| node.mesh.is_some()).unwrap();
+        let mesh = scene.nodes[node].mesh.unwrap();
+        let material = scene.meshes[mesh].primitives[0].material;
+        scene.materials[material].double_sided = false;
+        let mut tiles_of = |segments: [u32; 2], size: (u32, u32), side: u32, per_pixel: f64| {
+            let ball = evis_scene::primitive::Shape::Sphere { radius: 0.6 }.build(Some(segments), [1.0; 2]);
+            scene.meshes[mesh].primitives = vec![evis_scene::Primitive { material, ..ball.unwrap() }];
+            crowded_tiles(&scene, 0, Some(size), 0, (side, per_pixel)).unwrap()
+        };
+        let fine = [300, 150];
+        let found = tiles_of(fine, (64, 48), 8, 1.0).unwrap();
+        assert_eq!(found.tiles.len(), 8 * 6);
+        let count = |found: &CrowdedTiles| found.tiles.iter().filter(|tile| **tile).count();
+        assert!((8..40).contains(&count(&found)), "{:?}", found.tiles);
+        assert!(!found.tiles[0] && found.tiles[3 * 8 + 4], "{:?}", found.tiles);
+        // Half of them show their back.
+        assert!((25_000..46_000).contains(&found.small), "{} of 90 000", found.small);
+        let fewer = tiles_of(fine, (64, 48), 8, 60.0).unwrap();
+        assert!(count(&fewer) < count(&found), "{:?}", fewer.tiles);
+        assert!(tiles_of(fine, (1920, 1440), 8, 1.0).is_none(), "most are larger than a pixel");
+        assert!(tiles_of([80, 50], (64, 48), 8, 1.0).is_none(), "few in all");
+        assert!(crowded_tiles(&scene, 7, None, 0, (8, 1.0)).is_err(), "no such camera");
     }
 }

@@ -393,11 +393,11 @@ impl Row {
             return;
         }
         let started = Instant::now();
-        let tiles = evaluator.lists.row(evaluator.world, row);
+        let wanted = |column: usize| only.get(column) != Some(&false);
+        let tiles = evaluator.lists.row_where(evaluator.world, row, wanted);
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
-        for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| only.get(*column) != Some(&false))
-        {
+        for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| wanted(*column)) {
             self.tile(work, evaluator, (following, taken), tile, [column, row]);
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();

@@ -158,11 +158,17 @@ impl Lists {
 
     /// What the tiles of row `row` may show of `world`, from left to right.
     pub fn row(&self, world: &World, row: usize) -> Vec<TileList> {
+        self.row_where(world, row, |_| true)
+    }
+
+    /// The same, of those of which `wanted` says so by their column; nothing of the others.
+    pub fn row_where(&self, world: &World, row: usize, wanted: impl Fn(usize) -> bool) -> Vec<TileList> {
         let mut tiles = vec![TileList::default(); self.columns];
         for &index in &self.rows[row] {
             let record = &self.records[index as usize];
             if let Some(views) = &self.tiles {
-                for (tile, view) in tiles.iter_mut().zip(views.row(row)) {
+                let all = tiles.iter_mut().zip(views.row(row)).enumerate();
+                for (_, (tile, view)) in all.filter(|(column, _)| wanted(*column)) {
                     let met = view.pixels != 0 && view.meets(record.rect);
                     tile.entries
                         .extend(met.then(|| record.entry_through(index, view, &self.depths)).flatten());
@@ -170,7 +176,8 @@ impl Lists {
                 continue;
             }
             let [from, to] = [record.rect[0], record.rect[2]].map(|x| tile_of(x, self.columns));
-            for (column, tile) in tiles.iter_mut().enumerate().take(to + 1).skip(from) {
+            let met = tiles.iter_mut().enumerate().take(to + 1).skip(from);
+            for (column, tile) in met.filter(|(column, _)| wanted(*column)) {
                 if let Some(entry) = record.entry(index, [column, row], &self.depths) {
                     tile.entries.push(entry);
                 }

@@ -168,6 +168,31 @@ impl Quality {
     }
 }
 
+/// Tiles that decoupled sampling leaves to rendering, in adaptive time.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct RenderedTiles {
+    /// Those in which there are more triangles smaller than a pixel than so many for each pixel, at some time.
+    pub triangles_per_pixel: f64,
+    /// Pixels that anything may move between two samples of them.
+    pub step_px: f64,
+}
+
+impl RenderedTiles {
+    fn check(&self, method: &Method) -> Result<(), ConfigError> {
+        let Self { triangles_per_pixel, step_px } = *self;
+        if *method != Method::Decoupled {
+            return Err(ConfigError::new("rendered_tiles", "set", "set with decoupled only"));
+        }
+        for (what, value) in [("triangles_per_pixel", triangles_per_pixel), ("step_px", step_px)] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(ConfigError::new(&format!("rendered_tiles.{what}"), value, "above 0"));
+            }
+        }
+        Ok(())
+    }
+}
+
 /// What a run is asked to do.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
@@ -189,6 +214,11 @@ pub struct RunConfig {
     /// than that, and `rate_hz` at most; `None` renders everything at `rate_hz`. Of `decoupled`: the length of a pixel's
     /// intervals, halved where a threshold is near; 1 where it is `None`.
     pub adaptive_px: Option<f64>,
+    /// Of `decoupled`: tiles of a picture in which triangles are smaller than pixels are rendered; `None` follows every triangle.
+    /// Nothing is rendered where there is no device, and where tiles cannot be told apart: by poses of a host, in environments
+    /// that differ, behind distorted lenses, and where pixels of a sensor depend on each other or on frames.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub rendered_tiles: Option<RenderedTiles>,
     /// With `adaptive_px`: how light runs between two samples. Requests and presets take curves; lines are those of settings that
     /// were stored before, and of tests.
     #[serde(skip_serializing_if = "is_line")]
@@ -252,6 +282,7 @@ impl Default for RunConfig {
             quality: None,
             rate_hz: 1000.0,
             adaptive_px: None,
+            rendered_tiles: None,
             between: Interpolation::Line,
             samples: 4,
             antialias: Antialias::Samples,
@@ -445,6 +476,7 @@ impl RunConfig {
                 return Err(ConfigError::new("adaptive_px", px, "above 0 (pixels between two samples)"));
             }
         }
+        self.rendered_tiles.map_or(Ok(()), |tiles| tiles.check(&self.method))?;
         if self.between == Interpolation::Curve && self.adaptive_px.is_none() {
             return Err(ConfigError::new("between", "curve", "line, without adaptive time (`adaptive_px`)"));
         }

@@ -1,4 +1,5 @@
-//! Decoupled sampling behind the simulator: events come from `evis-decoupled`, labels and frames from the engine.
+//! Decoupled sampling behind the simulator: events come from `evis-decoupled`, labels and frames from the engine, and events of
+//! the tiles that are left to rendering, too.
 
 use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
@@ -10,12 +11,13 @@ use evis_core::{CameraInfo, ConfigError, Event, LabelKind, SensorConfig, TimeGri
 use evis_decoupled::{Cost, Report, Stream, StreamSettings};
 use evis_scene::{PixelLens, Scene};
 
-use crate::config::RunConfig;
+use crate::config::{Interpolation, Method, RunConfig};
 use crate::engine::{Arrived, Engine, milliseconds};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
+use crate::world::crowds::Crowds;
 use crate::world::tiles::{TILE, tiles_along};
 use crate::world::view::{View, reseed};
 
@@ -26,8 +28,10 @@ pub struct Decoupled {
     /// The same, as `evis-decoupled` has them.
     seen: Vec<evis_decoupled::View>,
     stream: Stream,
-    /// Renders labels and frames, where there are any.
+    /// Renders labels and frames, and the tiles of `rendered`, where there are any.
     pictures: Option<Engine>,
+    /// Per view: tiles whose events are rendered; empty where none are.
+    rendered: Vec<Vec<bool>>,
     poses: CameraPoses,
     arrived: Vec<Arrived>,
     /// Per view: events before this are there.
@@ -56,6 +60,17 @@ impl Decoupled {
         if pictured && gpu.is_none() {
             return Err(EngineError::NoDevice);
         }
+        let rendered = match (config.rendered_tiles, gpu) {
+            (Some(own), Some(_)) => {
+                match Crowds::of(&scene, &views, cameras, (config, own.triangles_per_pixel))? {
+                    Crowds::Tiles(found) => found.tiles,
+                    Crowds::None | Crowds::Whole(_) => Vec::new(),
+                }
+            }
+            _ => Vec::new(),
+        };
+        let followed: Vec<Vec<bool>> =
+            rendered.iter().map(|tiles| tiles.iter().map(|tile| !tile).collect()).collect();
         let settings = StreamSettings {
             size: config.size,
             start_us: config.start_us,
@@ -63,7 +78,7 @@ impl Decoupled {
             step_px: config.adaptive_px.unwrap_or(StreamSettings::default().step_px),
             rate_hz: config.rate_hz,
             pose_step_us: config.pose_step_us.unwrap_or(StreamSettings::default().pose_step_us),
-            only: Vec::new(),
+            only: own_tiles(&views, &followed),
         };
         let of = |view: &View| {
             let camera = scene.camera(&cameras[view.camera].name)?;
@@ -73,13 +88,8 @@ impl Decoupled {
         let seen: Vec<_> = views.iter().map(of).collect::<Result<_, EngineError>>()?;
         let stream = Stream::new(Arc::clone(&scene), seen.clone(), &settings)?;
         config.reference_luminance = Some(stream.reference_luminance());
-        let pictures = match gpu.filter(|_| pictured) {
-            Some(gpu) => {
-                // It fires nothing: stages would cost memory alone.
-                let plain = |view: &View| View { sensor: SensorConfig::default(), ..view.clone() };
-                let plain = views.iter().map(plain).collect();
-                Some(gpu.guarded(|| Engine::new(gpu, Arc::clone(&scene), plain, config))?)
-            }
+        let pictures = match gpu.filter(|_| pictured || !rendered.is_empty()) {
+            Some(gpu) => Some(pictures(gpu, &scene, &views, &rendered, config)?),
             None => None,
         };
         Ok(Self {
@@ -96,6 +106,7 @@ impl Decoupled {
             seen,
             stream,
             pictures,
+            rendered,
         })
     }
 
@@ -198,17 +209,25 @@ impl Decoupled {
     /// # Errors
     /// A thread that cannot start.
     pub fn restart(&mut self, start_us: i64, only: &[Vec<bool>]) -> Result<(), EngineError> {
-        let halves = (TILE as usize) / evis_decoupled::scene::tiles::TILE;
-        let only = self.views.iter().zip(only).map(|(view, only)| {
-            let (width, height) = view.size();
-            let columns = tiles_along(width) as usize;
-            let own = |pixels: u32| (pixels as usize).div_ceil(evis_decoupled::scene::tiles::TILE);
-            let at = |y: usize, x: usize| only[y / halves * columns + x / halves];
-            (0..own(height)).flat_map(|y| (0..own(width)).map(move |x| at(y, x))).collect()
-        });
+        let all = |view: &View| vec![true; tile_count(view)];
+        let asked = self
+            .views
+            .iter()
+            .enumerate()
+            .map(|(at, view)| only.get(at).cloned().unwrap_or_else(|| all(view)));
+        let mut followed: Vec<Vec<bool>> = asked.collect();
+        if let Some(engine) = self.pictures.as_mut().filter(|_| !self.rendered.is_empty()) {
+            let mut rendered = followed.clone();
+            for ((here, there), own) in rendered.iter_mut().zip(&mut followed).zip(&self.rendered) {
+                for ((here, there), own) in here.iter_mut().zip(there).zip(own) {
+                    (*here, *there) = (*here && *own, *there && !*own);
+                }
+            }
+            engine.restart(start_us, rendered, false)?;
+        }
         self.settings = StreamSettings {
             start_us,
-            only: only.collect(),
+            only: own_tiles(&self.views, &followed),
             reference_luminance: Some(self.stream.reference_luminance()),
             ..self.settings.clone()
         };
@@ -260,14 +279,18 @@ impl Decoupled {
             let count = arrived.events.partition_point(|e| e.t < until_us);
             let rest = arrived.events.split_off(count);
             let mut events = std::mem::replace(&mut arrived.events, rest);
-            let causes = take_causes(&mut events);
+            let mut causes = take_causes(&mut events);
+            let mut pictured = pictures.as_mut().and_then(Iterator::next).unwrap_or_default();
+            if let Some(tiles) = self.rendered.get(packet.views.len()) {
+                (events, causes) = joined((events, causes), &mut pictured, view, tiles);
+            }
             packet.views.push(ViewPacket {
                 environment: view.environment,
                 camera: view.camera,
                 dense: None,
                 causes: if self.caused { causes } else { Vec::new() },
                 events,
-                labels: pictures.as_mut().and_then(|views| Some(views.next()?.labels)).unwrap_or_default(),
+                labels: pictured.labels,
                 poses: std::mem::take(&mut arrived.poses),
             });
         }
@@ -280,9 +303,76 @@ impl Decoupled {
             report.suppressed += now.losses.suppressed - before.losses.suppressed;
             report.dropped += now.losses.dropped - before.losses.dropped;
         }
+        report.rendered_tiles = self.rendered.iter().flatten().filter(|tile| **tile).count() as u64;
         report.times.device_wait_ms += waited_ms;
         report.times.total_ms = milliseconds(started);
         packet.report = report;
         Ok(packet)
     }
+}
+
+/// What renders labels and frames, and where there are any the tiles `rendered` of `views`.
+fn pictures(
+    gpu: &Gpu,
+    scene: &Arc<Scene>,
+    views: &[View],
+    rendered: &[Vec<bool>],
+    config: &mut RunConfig,
+) -> Result<Engine, EngineError> {
+    let start =
+        |views, config: &mut RunConfig| gpu.guarded(|| Engine::new(gpu, Arc::clone(scene), views, config));
+    if rendered.is_empty() {
+        // It fires nothing: stages would cost memory alone.
+        let plain = |view: &View| View { sensor: SensorConfig::default(), ..view.clone() };
+        return start(views.iter().map(plain).collect(), config);
+    }
+    let mut own = RunConfig {
+        method: Method::Native,
+        adaptive_px: config.rendered_tiles.map(|own| own.step_px),
+        rendered_tiles: None,
+        between: Interpolation::Curve,
+        dense: None,
+        ..config.clone()
+    };
+    let mut engine = start(views.to_vec(), &mut own)?;
+    engine.restrict(rendered.to_vec());
+    Ok(engine)
+}
+
+/// Tiles of a view's picture.
+fn tile_count(view: &View) -> usize {
+    let (width, height) = view.size();
+    (tiles_along(width) * tiles_along(height)) as usize
+}
+
+/// The same tiles in those of `evis-decoupled`.
+fn own_tiles(views: &[View], tiles: &[Vec<bool>]) -> Vec<Vec<bool>> {
+    let halves = (TILE as usize) / evis_decoupled::scene::tiles::TILE;
+    let of = |(view, tiles): (&View, &Vec<bool>)| {
+        let (width, height) = view.size();
+        let columns = tiles_along(width) as usize;
+        let own = |pixels: u32| (pixels as usize).div_ceil(evis_decoupled::scene::tiles::TILE);
+        let at = |y: usize, x: usize| tiles[y / halves * columns + x / halves];
+        (0..own(height)).flat_map(|y| (0..own(width)).map(move |x| at(y, x))).collect()
+    };
+    views.iter().zip(tiles).map(of).collect()
+}
+
+/// Events and their causes, with those of the `tiles` that `pictured` has of the same view.
+fn joined(
+    (events, causes): (Vec<Event>, Vec<u8>),
+    pictured: &mut ViewPacket,
+    view: &View,
+    tiles: &[bool],
+) -> (Vec<Event>, Vec<u8>) {
+    let columns = tiles_along(view.size().0);
+    let tile = |event: &Event| u32::from(event.y) / TILE * columns + u32::from(event.x) / TILE;
+    let others = std::mem::take(&mut pictured.events).into_iter();
+    // Where nobody wants causes there are none.
+    let known = std::mem::take(&mut pictured.causes).into_iter().chain(std::iter::repeat(0));
+    let rendered = others.zip(known).filter(|(event, _)| tiles[tile(event) as usize]);
+    let mut all: Vec<(Event, u8)> = events.into_iter().zip(causes).chain(rendered).collect();
+    // Stable: those of one pixel are all of one kind, and keep their firing order.
+    all.sort_by_key(|(event, _)| event.order());
+    all.into_iter().unzip()
 }

@@ -241,6 +241,12 @@ impl Engine {
         Ok(())
     }
 
+    /// Renders the tiles `only` of each view for events, in adaptive time, from the start on: other pixels fire anything or nothing.
+    /// Labels and frames are whole.
+    pub fn restrict(&mut self, only: Vec<Vec<bool>>) {
+        self.sampling.restart(only, false);
+    }
+
     /// Delivers `[now, until_us)`, submitting ahead as far as `horizon_us`.
     pub fn deliver(&mut self, until_us: i64, horizon_us: i64) -> Result<Packet, EngineError> {
         self.context.gpu.check_not_lost()?;

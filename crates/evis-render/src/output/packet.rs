@@ -76,6 +76,8 @@ pub struct PacketReport {
     pub instants: u64,
     /// Pixels drawn for events, all views and instants, each by all of its samples; margins of keyframes too.
     pub drawn_pixels: u64,
+    /// Of decoupled sampling: tiles of 16x16 pixels whose events are rendered, all views. See [`crate::RunConfig::rendered_tiles`].
+    pub rendered_tiles: u64,
     /// Keyframes drawn, all views; 0 for a method without them.
     pub keyframes: u64,
     /// Pixels of keyframes, margins included, brighter than the method counts: `evis-paper` clips them to 65 536 Y_ref.

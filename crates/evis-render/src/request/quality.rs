@@ -1,13 +1,12 @@
 //! Quality presets: fixed settings of sampling, the same for every scene. Nothing is rendered to choose them; what is looked at
 //! is whether the method can show the scene, and whether its triangles are far smaller than pixels.
 
-use std::collections::BTreeSet;
-
 use evis_scene::{AlphaMode, Scene};
 
-use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
+use crate::config::{Antialias, Interpolation, Method, Quality, RenderedTiles, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
+use crate::world::crowds::Crowds;
 use crate::world::view::{self, View};
 
 /// Bytes that a picture of coverage samples may take, 8 for each: 1920x1080 pixels have 100 of them then.
@@ -23,15 +22,15 @@ impl Quality {
     pub const fn sampling(self) -> SamplingSettings {
         match self {
             Self::Draft => SamplingSettings {
-                decoupled: Some(DecoupledSettings { step_px: 2.0, beside_gpu: false }),
+                decoupled: Some(DecoupledSettings { step_px: 2.0, crowded: 1.0, beside_gpu: false }),
                 ..SamplingSettings::coverage(1.0, 16, 2)
             },
             Self::Standard => SamplingSettings {
-                decoupled: Some(DecoupledSettings { step_px: 1.0, beside_gpu: false }),
+                decoupled: Some(DecoupledSettings { step_px: 1.0, crowded: 1.0, beside_gpu: false }),
                 ..SamplingSettings::coverage(0.5, 16, 4)
             },
             Self::High => SamplingSettings {
-                decoupled: Some(DecoupledSettings { step_px: 0.5, beside_gpu: true }),
+                decoupled: Some(DecoupledSettings { step_px: 0.5, crowded: 8.0, beside_gpu: true }),
                 fixed_rate_hz: 2000.0,
                 ..SamplingSettings::with_rays(0.3, 144)
             },
@@ -86,6 +85,8 @@ pub struct SamplingSettings {
 pub struct DecoupledSettings {
     /// [`RunConfig::adaptive_px`].
     pub step_px: f64,
+    /// [`RenderedTiles::triangles_per_pixel`]: beyond it rendering is cheaper.
+    pub crowded: f64,
     /// It takes the place of rendering on a graphics card, too, not only of a software driver.
     pub beside_gpu: bool,
 }
@@ -112,7 +113,10 @@ impl SamplingSettings {
 
     /// Those of [`Quality::High`], with intervals of decoupled sampling that are so long.
     pub const fn decoupled(step_px: f64) -> Self {
-        Self { decoupled: Some(DecoupledSettings { step_px, beside_gpu: true }), ..Quality::High.sampling() }
+        Self {
+            decoupled: Some(DecoupledSettings { step_px, crowded: 8.0, beside_gpu: true }),
+            ..Quality::High.sampling()
+        }
     }
 
     /// The same, by rendering.
@@ -130,19 +134,41 @@ impl SamplingSettings {
         scene: &Scene,
         config: &mut RunConfig,
     ) -> Result<Vec<String>, EngineError> {
-        let (views, _) = view::views(scene, config)?;
+        let (views, cameras) = view::views(scene, config)?;
         let mut notes = Vec::new();
         config.method = Method::Native;
+        config.rendered_tiles = None;
         let software = gpu.is_none_or(|gpu| gpu.summary().kind == "cpu");
         let decoupled = self.decoupled.filter(|decoupled| software || decoupled.beside_gpu);
         if decoupled.is_some() || gpu.is_none() {
             match evis_decoupled::unsupported(scene) {
-                None if gpu.is_some() && let Some(small) = crowded(scene, &views, config)? => notes.push(format!(
-                    "sampled by rendering: decoupled sampling would follow {small} triangles smaller than a pixel \
-                     one by one, as the method decoupled still does"
-                )),
                 None => {
+                    let crowds = match (gpu, decoupled) {
+                        (Some(_), Some(own)) => Crowds::of(scene, &views, &cameras, (config, own.crowded))?,
+                        _ => Crowds::None,
+                    };
                     config.method = Method::Decoupled;
+                    match crowds {
+                        Crowds::None => {}
+                        Crowds::Tiles(found) => {
+                            config.rendered_tiles = decoupled.zip(self.step_px).map(|(own, step_px)| {
+                                RenderedTiles { triangles_per_pixel: own.crowded, step_px }
+                            });
+                            notes.push(format!(
+                                "{:.0} % of the picture by rendering: decoupled sampling would follow {} triangles \
+                                 smaller than a pixel there one by one, as the method decoupled still does",
+                                (100.0 * found.share).ceil(),
+                                found.small
+                            ));
+                        }
+                        Crowds::Whole(small) => {
+                            config.method = Method::Native;
+                            notes.push(format!(
+                                "sampled by rendering: decoupled sampling would follow {small} triangles smaller than a \
+                                 pixel one by one, as the method decoupled still does"
+                            ));
+                        }
+                    }
                     if decoupled.is_none() {
                         notes
                             .push("decoupled sampling on the CPU, since there is no device to render".into());
@@ -204,17 +230,6 @@ impl SamplingSettings {
         }
         Ok(notes)
     }
-}
-
-/// See [`evis_decoupled::crowded`]: of the first camera for which it holds.
-fn crowded(scene: &Scene, views: &[View], config: &RunConfig) -> Result<Option<usize>, EngineError> {
-    let cameras: BTreeSet<usize> = views.iter().map(|view| view.camera).collect();
-    for camera in cameras {
-        if let Some(small) = evis_decoupled::crowded(scene, camera, config.size)? {
-            return Ok(Some(small));
-        }
-    }
-    Ok(None)
 }
 
 /// Sets the sampling of the preset that `config` names, if it names one.

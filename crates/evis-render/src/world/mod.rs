@@ -1,5 +1,6 @@
 //! The scene on the device, and where its parts lie in a picture.
 
+pub mod crowds;
 pub mod distorted;
 pub mod gpu_scene;
 pub mod image_bounds;

@@ -4,6 +4,7 @@ mod adaptive;
 mod built_in;
 mod bytes;
 mod chain;
+mod crowds;
 mod decoupled;
 mod dense;
 mod distorted;
