@@ -18,7 +18,7 @@ use crate::gpu::Gpu;
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
 use crate::world::crowds::Crowds;
-use crate::world::tiles::{TILE, tiles_along};
+use crate::world::tiles::{tile_at, tile_count};
 use crate::world::view::{View, reseed};
 
 /// Views of a scene whose events are found without rendering.
@@ -209,20 +209,20 @@ impl Decoupled {
     /// # Errors
     /// A thread that cannot start.
     pub fn restart(&mut self, start_us: i64, only: &[Vec<bool>]) -> Result<(), EngineError> {
-        let all = |view: &View| vec![true; tile_count(view)];
-        let asked = self
-            .views
-            .iter()
-            .enumerate()
-            .map(|(at, view)| only.get(at).cloned().unwrap_or_else(|| all(view)));
-        let mut followed: Vec<Vec<bool>> = asked.collect();
+        let asked = |(at, view): (usize, &View)| {
+            only.get(at).cloned().unwrap_or_else(|| vec![true; tile_count(view.size())])
+        };
+        let asked: Vec<Vec<bool>> = self.views.iter().enumerate().map(asked).collect();
+        // Those that are rendered, or not.
+        let of = |rendered: bool| -> Vec<Vec<bool>> {
+            let is = |view: usize, tile: usize| self.rendered.get(view).is_some_and(|tiles| tiles[tile]);
+            let own = |(view, asked): (usize, &Vec<bool>)| {
+                asked.iter().enumerate().map(|(tile, asked)| *asked && is(view, tile) == rendered).collect()
+            };
+            asked.iter().enumerate().map(own).collect()
+        };
+        let (rendered, followed) = (of(true), of(false));
         if let Some(engine) = self.pictures.as_mut().filter(|_| !self.rendered.is_empty()) {
-            let mut rendered = followed.clone();
-            for ((here, there), own) in rendered.iter_mut().zip(&mut followed).zip(&self.rendered) {
-                for ((here, there), own) in here.iter_mut().zip(there).zip(own) {
-                    (*here, *there) = (*here && *own, *there && !*own);
-                }
-            }
             engine.restart(start_us, rendered, false)?;
         }
         self.settings = StreamSettings {
@@ -339,21 +339,13 @@ fn pictures(
     Ok(engine)
 }
 
-/// Tiles of a view's picture.
-fn tile_count(view: &View) -> usize {
-    let (width, height) = view.size();
-    (tiles_along(width) * tiles_along(height)) as usize
-}
-
-/// The same tiles in those of `evis-decoupled`.
+/// Tiles of `views`, in those of `evis-decoupled`.
 fn own_tiles(views: &[View], tiles: &[Vec<bool>]) -> Vec<Vec<bool>> {
-    let halves = (TILE as usize) / evis_decoupled::scene::tiles::TILE;
+    const OWN: u32 = evis_decoupled::scene::tiles::TILE as u32;
     let of = |(view, tiles): (&View, &Vec<bool>)| {
         let (width, height) = view.size();
-        let columns = tiles_along(width) as usize;
-        let own = |pixels: u32| (pixels as usize).div_ceil(evis_decoupled::scene::tiles::TILE);
-        let at = |y: usize, x: usize| tiles[y / halves * columns + x / halves];
-        (0..own(height)).flat_map(|y| (0..own(width)).map(move |x| at(y, x))).collect()
+        let at = |x: u32, y: u32| tiles[tile_at(width, x * OWN, y * OWN)];
+        (0..height.div_ceil(OWN)).flat_map(|y| (0..width.div_ceil(OWN)).map(move |x| at(x, y))).collect()
     };
     views.iter().zip(tiles).map(of).collect()
 }
@@ -365,12 +357,11 @@ fn joined(
     view: &View,
     tiles: &[bool],
 ) -> (Vec<Event>, Vec<u8>) {
-    let columns = tiles_along(view.size().0);
-    let tile = |event: &Event| u32::from(event.y) / TILE * columns + u32::from(event.x) / TILE;
+    let is_rendered = |event: &Event| tiles[tile_at(view.size().0, event.x.into(), event.y.into())];
     let others = std::mem::take(&mut pictured.events).into_iter();
     // Where nobody wants causes there are none.
     let known = std::mem::take(&mut pictured.causes).into_iter().chain(std::iter::repeat(0));
-    let rendered = others.zip(known).filter(|(event, _)| tiles[tile(event) as usize]);
+    let rendered = others.zip(known).filter(|(event, _)| is_rendered(event));
     let mut all: Vec<(Event, u8)> = events.into_iter().zip(causes).chain(rendered).collect();
     // Stable: those of one pixel are all of one kind, and keep their firing order.
     all.sort_by_key(|(event, _)| event.order());

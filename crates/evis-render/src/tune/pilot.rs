@@ -20,7 +20,7 @@ use crate::pass::raster::SurfaceLayouts;
 use crate::sampling::tile_rate::TileRateEstimator;
 use crate::sampling::view_motion::ViewMotion;
 use crate::world::gpu_scene::GpuScene;
-use crate::world::tiles::{TILE, tiles_along};
+use crate::world::tiles::tile_at;
 use crate::world::view::{self, View};
 
 /// Views that are rendered.
@@ -356,8 +356,8 @@ impl<'a> Pilot<'a> {
             simulator.restart(place.start_us, place.only.clone(), every_instant)?;
             let views = simulator.step(place.length_us)?.views;
             let seen = views.into_iter().zip(&place.only).zip(&self.cameras).map(|((view, only), camera)| {
-                let columns = tiles_along(camera.width);
-                view.events.into_iter().filter(|event| only[tile_of(event, columns)]).collect()
+                let wanted = |event: &Event| only[tile_at(camera.width, event.x.into(), event.y.into())];
+                view.events.into_iter().filter(wanted).collect()
             });
             fired.push(seen.collect());
         }
@@ -403,11 +403,6 @@ fn speeds(scene: &Scene, gpu_scene: &GpuScene, views: &[View], start_us: i64) ->
         estimator.needs(gpu_scene, &motion).into_iter().map(|need| need / SPAN_S).collect()
     };
     views.iter().enumerate().map(of).collect()
-}
-
-/// The tile of an event, in a picture of `columns` tiles.
-fn tile_of(event: &Event, columns: u32) -> usize {
-    (u32::from(event.y) / TILE * columns + u32::from(event.x) / TILE) as usize
 }
 
 /// How long it takes half of the tiles that move to move by [`MOTION_PX`].

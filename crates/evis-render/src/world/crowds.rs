@@ -5,7 +5,7 @@ use evis_scene::Scene;
 
 use crate::config::RunConfig;
 use crate::error::EngineError;
-use crate::world::tiles::TILE;
+use crate::world::tiles::{TILE, tile_count};
 use crate::world::view::View;
 
 /// Tiles of a picture beyond which all of it is rendered: the rest is not worth a second engine.
@@ -34,9 +34,9 @@ pub struct CrowdedViews {
 }
 
 impl Crowds {
-    /// Those of `views` of `cameras`, as `config` shows `scene`: tiles that have more than `per_pixel` small triangles for each pixel,
-    /// at some time. Tiles are told apart by how things move at first: not where a host moves
-    /// them, where environments differ, or behind a distorted lens; nor where pixels of a sensor depend on each other or on frames.
+    /// Those of `views` of `cameras`, as `config` shows `scene`: tiles that have more than `per_pixel` small triangles for each
+    /// pixel, at some time. Tiles are told apart by how things move in the scene: not where a host moves them, where
+    /// environments differ, or behind a distorted lens; nor where pixels of a sensor depend on each other or on frames.
     ///
     /// # Errors
     /// Cameras that cannot be used.
@@ -60,8 +60,8 @@ impl Crowds {
         }
         let (mut tiles, mut small) = (Vec::new(), 0);
         for view in views {
-            let (camera, (width, height)) = (scene.camera(&cameras[view.camera].name)?, view.size());
-            let none = || vec![false; (width.div_ceil(TILE) * height.div_ceil(TILE)) as usize];
+            let camera = scene.camera(&cameras[view.camera].name)?;
+            let none = || vec![false; tile_count(view.size())];
             let which = (TILE, per_pixel);
             let found = evis_decoupled::crowded_tiles(scene, camera, config.size, config.start_us, which)?;
             small = small.max(found.as_ref().map_or(0, |found| found.small));

@@ -12,6 +12,16 @@ pub const fn tiles_along(pixels: u32) -> u32 {
     pixels.div_ceil(TILE)
 }
 
+/// Tiles of a picture of so many pixels.
+pub const fn tile_count((width, height): (u32, u32)) -> usize {
+    (tiles_along(width) * tiles_along(height)) as usize
+}
+
+/// The tile of a picture, `width` pixels wide, that holds the pixel at (`x`, `y`).
+pub const fn tile_at(width: u32, x: u32, y: u32) -> usize {
+    (y / TILE * tiles_along(width) + x / TILE) as usize
+}
+
 /// Which of `count` tiles in a row or column are touched by what lies from `low` to `high`, which are infinite and in reverse
 /// where nothing does.
 pub fn tile_range(low: f64, high: f64, count: u32) -> Range<u32> {

@@ -14,7 +14,7 @@ use crate::output::packet::Packet;
 use crate::request::SamplingRequest;
 use crate::tests::streams::built_in;
 use crate::world::crowds::{CrowdedViews, Crowds};
-use crate::world::tiles::{TILE, tiles_along};
+use crate::world::tiles::{tile_at, tiles_along};
 use crate::world::view::views;
 
 const SIZE: (u32, u32) = (96, 72);
@@ -90,10 +90,7 @@ fn crowded_tiles_are_rendered_and_all_others_followed() {
         let whole = |config: &RunConfig| joined([new(config).step(60_000).unwrap()]);
         let found = tiles(&scene, &mixed, 1.0);
         assert!((0.05..0.6).contains(&found.share) && found.small > 10_000, "{found:?}");
-        let columns = tiles_along(SIZE.0);
-        let is_crowded = |event: &Event| {
-            found.tiles[0][(u32::from(event.y) / TILE * columns + u32::from(event.x) / TILE) as usize]
-        };
+        let is_crowded = |event: &Event| found.tiles[0][tile_at(SIZE.0, event.x.into(), event.y.into())];
         let (events, causes) = whole(&mixed);
         for (way, crowded) in [(&followed, false), (&rendered, true)] {
             let (expected, expected_causes) = whole(way);
@@ -188,15 +185,15 @@ fn a_stream_that_restarts_keeps_both_ways() {
     let first = simulator.step(20_000).unwrap().views.remove(0).events;
     simulator.restart(0, Vec::new(), false).unwrap();
     assert!(simulator.step(20_000).unwrap().views[0].events == first);
-    // The left half.
+    // The right half.
     let columns = tiles_along(SIZE.0);
-    let left: Vec<bool> =
+    let right: Vec<bool> =
         (0..found.tiles[0].len() as u32).map(|tile| tile % columns >= columns / 2).collect();
-    simulator.restart(0, vec![left.clone()], false).unwrap();
+    simulator.restart(0, vec![right.clone()], false).unwrap();
     let own = simulator.step(20_000).unwrap().views.remove(0).events;
-    let tile = |e: &Event| (u32::from(e.y) / TILE * columns + u32::from(e.x) / TILE) as usize;
-    let expected: Vec<Event> = first.iter().filter(|e| left[tile(e)]).copied().collect();
-    let asked: Vec<Event> = own.iter().filter(|e| left[tile(e)]).copied().collect();
+    let tile = |e: &Event| tile_at(SIZE.0, e.x.into(), e.y.into());
+    let expected: Vec<Event> = first.iter().filter(|e| right[tile(e)]).copied().collect();
+    let asked: Vec<Event> = own.iter().filter(|e| right[tile(e)]).copied().collect();
     assert!(expected.len() > 300 && expected.iter().any(|e| found.tiles[0][tile(e)]));
     assert!(asked == expected, "{} events, not {}", asked.len(), expected.len());
 }

@@ -15,7 +15,7 @@ use crate::gpu::Gpu;
 use crate::output::packet::Packet;
 use crate::request::SamplingRequest;
 use crate::tune::{Goal, Tuned, tune};
-use crate::world::tiles::{TILE, tiles_along};
+use crate::world::tiles::{tile_at, tile_count};
 
 use super::built_in::scene;
 
@@ -51,13 +51,12 @@ fn tiles_that_are_rendered_alone_fire_as_in_the_whole_picture() {
             reference_luminance: Some(1.0),
             ..RunConfig::default()
         };
-        let columns = tiles_along(SIZE.0);
-        let tile = |e: &Event| (u32::from(e.y) / TILE * columns + u32::from(e.x) / TILE) as usize;
+        let tile = |e: &Event| tile_at(SIZE.0, e.x.into(), e.y.into());
         let mut some_tiles = Simulator::new(&gpu, scene.clone(), config.clone()).unwrap();
         let mut some = 0;
         // Whatever it rendered before.
         for (start_us, every) in [(40_000, 3), (0, 2), (123_000, 7), (40_000, 1)] {
-            let only: Vec<bool> = (0..columns * tiles_along(SIZE.1)).map(|t| t % every == 0).collect();
+            let only: Vec<bool> = (0..tile_count(SIZE)).map(|t| t % every == 0).collect();
             some_tiles.restart(start_us, vec![only.clone()], false).unwrap();
             let seen = some_tiles.step(20_000).unwrap();
             let config = RunConfig { start_us, ..config.clone() };
