@@ -13,6 +13,7 @@ use evis_decoupled::{Settings, luminance, simulate};
 use evis_scene::motion::Path;
 use evis_scene::primitive::Shape;
 use evis_scene::{Lens, Material, Mesh, Motion, Node, Primitive, Scene, ShadingModel, Trs};
+use evis_truth::{PixelChoice, TruthSettings};
 use glam::{DQuat, DVec3};
 
 mod common;
@@ -396,4 +397,51 @@ fn still_pixels_never_fire_while_others_do() {
         let near = x + 1.0 >= around[0] && x <= around[2] && y + 1.0 >= around[1] && y <= around[3];
         assert!(near, "{e:?} outside {around:?}");
     }
+}
+
+/// Light that jumps where a block ends would fire there.
+#[test]
+fn events_gather_at_no_border_of_a_block() {
+    const BLOCK_US: i64 = 32_768;
+    let duration_us = 3 * BLOCK_US;
+    let scenes = [("spinner", (320, 240), 600), ("street", (160, 120), 60)];
+    let (mut own, mut truth) = (Vec::new(), Vec::new());
+    for (name, size, pixels) in scenes {
+        let scene = &evis_scene::builtin::load(name, 0).unwrap();
+        let settings = TruthSettings {
+            size: Some(size),
+            duration_us,
+            reference_luminance: Some(0.5),
+            pixels: PixelChoice::Count(pixels),
+            ..TruthSettings::default()
+        };
+        let known = evis_truth::truth(scene, &settings, &|_| true).unwrap();
+        let settings =
+            Settings { size: Some(size), duration_us, reference_luminance: Some(0.5), ..Settings::default() };
+        assert_eq!(settings.block_us, BLOCK_US, "{name}");
+        let fired = simulate(scene, &settings).unwrap().events;
+        own.extend(fired.iter().filter(|e| known.pixels.contains(&[e.x, e.y])).map(|e| e.t));
+        truth.extend(known.events.iter().map(|e| e.t));
+    }
+    // Within so much of a border between two blocks.
+    let share = |times: &[i64], around_us: i64| {
+        let near = |t: &&i64| {
+            let border = (**t + BLOCK_US / 2) / BLOCK_US * BLOCK_US;
+            (**t - border).abs() < around_us && border > 0 && border < duration_us
+        };
+        times.iter().filter(near).count() as f64 / times.len() as f64
+    };
+    let borders: Vec<i64> = (0..own.len() as i64 / 100).map(|k| (1 + k % 2) * BLOCK_US).collect();
+    let burst = [&own[..], &borders].concat();
+    for around_us in [BLOCK_US / 20, BLOCK_US / 200, 20] {
+        let [of_own, of_truth, of_burst] = [&own, &truth, &burst].map(|times| share(times, around_us));
+        println!(
+            "within {around_us} us: {of_own:.4} of {} events, {of_truth:.4} of {} of truth",
+            own.len(),
+            truth.len()
+        );
+        assert!((of_own - of_truth).abs() < 0.005, "within {around_us} us: {of_own} and {of_truth}");
+        assert!(of_burst - of_truth > 0.005, "a burst at borders is not seen: {of_burst} and {of_truth}");
+    }
+    assert!(truth.len() > 2000, "{} events", truth.len());
 }
