@@ -384,8 +384,8 @@ class Report:
     drawn_pixels : int
         Pixels drawn for events, all views and instants, each by all of its samples; margins of keyframes too.
     rendered_tiles : int
-        Tiles of 16x16 pixels, all views, whose events are rendered though the method is ``decoupled``: their triangles
-        are smaller than pixels.
+        Tiles of 16x16 pixels, all views, whose events are rendered though the method is ``decoupled``: their
+        triangles are smaller than pixels.
     keyframes : int
         Keyframes drawn, all views; 0 for a method without them.
     clipped : int

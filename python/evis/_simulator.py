@@ -103,7 +103,9 @@ class Simulator:
         ``diffusion``, ``exposure`` or ``photoreceptor.noise`` is simulated on the host, from the light of
         every instant.
     quality : {"draft", "standard", "high", "reference"}, optional
-        Fixed settings of sampling, the same for every scene; nothing is analysed before the run.
+        Fixed settings of sampling, the same for every scene; nothing is rendered to choose them. Tiles that
+        show triangles smaller than pixels are rendered where everything else is followed (``decoupled``),
+        and a scene that cannot be followed is rendered as a whole; `notes` says so.
         ``docs/accuracy.md`` says how near to the truth each came, and at which cost. Settings given by hand
         stand over it. ``standard`` where neither a quality, a settings file, a method nor any of
         ``rate_hz``, ``adaptive_px``, ``samples``, ``antialias`` and ``texture_taps`` is given.
