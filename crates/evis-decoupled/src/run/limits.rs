@@ -30,8 +30,10 @@ pub fn unsupported(scene: &Scene) -> Option<String> {
     }
 }
 
-/// Triangles smaller than a pixel that decoupled sampling always follows.
+/// Triangles smaller than a pixel that decoupled sampling always follows, where a whole picture is rendered beyond that.
 const FEW_SMALL: usize = 10_000;
+/// The same of all tiles that are rendered beyond that: fewer are not worth a renderer beside it.
+const FEW_IN_TILES: usize = 30_000;
 /// Above that, how many per pixel of the picture.
 const SMALL_PER_PIXEL: f64 = 0.25;
 /// Times at which is seen where they are, and over how many seconds in scenes without an end.
@@ -83,7 +85,7 @@ pub fn crowded_tiles(
     let lens = scene.pixel_lens(None, camera, size, 0.0)?;
     let side = side.max(1);
     let [columns, rows] = [lens.width, lens.height].map(|pixels| pixels.div_ceil(side) as usize);
-    if triangles(scene) <= FEW_SMALL {
+    if triangles(scene) <= FEW_IN_TILES {
         return Ok(None);
     }
     let world = World::new(scene, camera, size)?;
@@ -115,7 +117,7 @@ pub fn crowded_tiles(
         }
         found.small = found.small.max(small);
     }
-    Ok((found.small > FEW_SMALL).then_some(found))
+    Ok((found.small > FEW_IN_TILES).then_some(found))
 }
 
 /// Triangles of a scene, those of each node.
@@ -220,18 +222,18 @@ mod tests {
             scene.meshes[mesh].primitives = vec![evis_scene::Primitive { material, ..ball.unwrap() }];
             crowded_tiles(&scene, 0, Some(size), 0, (side, per_pixel)).unwrap()
         };
-        let fine = [300, 150];
+        let fine = [400, 200];
         let found = tiles_of(fine, (64, 48), 8, 1.0).unwrap();
         assert_eq!(found.tiles.len(), 8 * 6);
         let count = |found: &CrowdedTiles| found.tiles.iter().filter(|tile| **tile).count();
         assert!((8..40).contains(&count(&found)), "{:?}", found.tiles);
         assert!(!found.tiles[0] && found.tiles[3 * 8 + 4], "{:?}", found.tiles);
         // Half of them show their back.
-        assert!((25_000..46_000).contains(&found.small), "{} of 90 000", found.small);
+        assert!((40_000..85_000).contains(&found.small), "{} of 160 000", found.small);
         let fewer = tiles_of(fine, (64, 48), 8, 60.0).unwrap();
         assert!(count(&fewer) < count(&found), "{:?}", fewer.tiles);
         assert!(tiles_of(fine, (1920, 1440), 8, 1.0).is_none(), "most are larger than a pixel");
-        assert!(tiles_of([80, 50], (64, 48), 8, 1.0).is_none(), "few in all");
+        assert!(tiles_of([200, 100], (64, 48), 8, 1.0).is_none(), "few in all");
         assert!(crowded_tiles(&scene, 7, None, 0, (8, 1.0)).is_err(), "no such camera");
     }
 }
