@@ -330,6 +330,7 @@ def test_a_preset_and_its_settings_by_hand_or_by_file_fire_the_same(device: evis
     assert (standard.method, standard.quality, standard.notes) == (method, "standard", ())
     usual = standard.step(40_000)
     assert usual.report.drawn_pixels > 0
+    assert usual.report.rendered_tiles == 0
     assert len(usual.view.events) > 50
     held = tomllib.loads(standard.config_toml)["run"]
     assert held["quality"] == "standard"
