@@ -51,6 +51,8 @@ pub(super) struct Report {
     pub(super) instants: u64,
     /// Pixels drawn, all views and instants, each by all of its samples.
     pub(super) drawn_pixels: u64,
+    /// Tiles of 16x16 pixels that decoupled sampling leaves to rendering.
+    pub(super) rendered_tiles: u64,
     pub(super) keyframes: u64,
     /// Pixels of keyframes that were brighter than the method counts.
     pub(super) clipped: u64,
@@ -106,6 +108,7 @@ impl Report {
             method: settings.run.method.name(),
             instants: tally.report.instants,
             drawn_pixels: tally.report.drawn_pixels,
+            rendered_tiles: tally.report.rendered_tiles,
             keyframes: tally.report.keyframes,
             clipped: tally.report.clipped,
             unknown: tally.report.unknown,
@@ -153,7 +156,14 @@ impl Report {
                 let drawn =
                     self.drawn_pixels as f64 / self.views.iter().map(ViewTally::pixels).sum::<f64>().max(1.0);
                 if run.method == Method::Decoupled {
-                    format!("{}, {drawn:.0} evaluations of a pixel, each at its own times", self.method)
+                    let rendered = match self.rendered_tiles {
+                        0 => String::new(),
+                        tiles => format!("; {} tiles rendered", text::grouped(tiles)),
+                    };
+                    format!(
+                        "{}, {drawn:.0} evaluations of a pixel, each at its own times{rendered}",
+                        self.method
+                    )
                 } else {
                     self.rendered_line(run, drawn)
                 }

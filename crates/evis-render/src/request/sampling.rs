@@ -132,6 +132,8 @@ impl SamplingRequest {
             config.quality = self.by_hand().is_none().then_some(quality);
         } else if let Some(method) = self.method {
             config.method = method;
+            // What a settings file has goes with its own method.
+            config.rendered_tiles = None;
         }
         if config.method == Method::Decoupled
             && let Some((name, value)) = self.of_instants(framed)

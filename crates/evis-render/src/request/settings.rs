@@ -85,8 +85,17 @@ impl RecordedScene {
 }
 
 /// Keys of [`RunConfig`] that say how pixels are sampled.
-const SAMPLING: [&str; 8] =
-    ["method", "rate_hz", "adaptive_px", "between", "antialias", "samples", "texture_taps", "shadows"];
+const SAMPLING: [&str; 9] = [
+    "method",
+    "rate_hz",
+    "adaptive_px",
+    "rendered_tiles",
+    "between",
+    "antialias",
+    "samples",
+    "texture_taps",
+    "shadows",
+];
 
 /// Keys beside `run` and `evis` that recordings store.
 const BESIDE: [&str; 7] =

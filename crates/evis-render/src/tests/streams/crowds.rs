@@ -12,6 +12,7 @@ use crate::config::{Antialias, Interpolation, Method, Quality, RenderedTiles, Ru
 use crate::engine::simulator::Simulator;
 use crate::output::packet::Packet;
 use crate::request::SamplingRequest;
+use crate::request::settings::SettingsFile;
 use crate::tests::streams::built_in;
 use crate::world::crowds::{CrowdedViews, Crowds};
 use crate::world::tiles::{tile_at, tiles_along};
@@ -141,10 +142,18 @@ fn presets_render_what_is_crowded_and_say_how_much() {
     // A recording keeps it.
     let stored: RunConfig = serde_json::from_str(&serde_json::to_string(&high).unwrap()).unwrap();
     assert_eq!(stored.rendered_tiles, expected);
+    // So do settings of sampling alone; a method by hand does not take it over.
+    assert!(SettingsFile::sampling(&high).gives("rendered_tiles"));
+    for (method, kept) in [(None, expected), (Some(Method::Native), None), (Some(Method::Decoupled), None)] {
+        let request = SamplingRequest { method, from_settings: true, ..Default::default() };
+        let mut config = stored.clone();
+        request.apply(Some(&gpu), &scene, &mut config).unwrap();
+        assert_eq!(config.rendered_tiles, kept, "{method:?}");
+    }
     let without = built_in::scene("spinner");
     let (plain, notes) = settled(&without, config());
     assert_eq!((plain.method, plain.rendered_tiles), (Method::Decoupled, None), "{notes}");
-    // Where tiles cannot be told apart, all is rendered.
+    // Where tiles cannot be rendered alone, whole pictures are.
     let mut driven = scene.clone();
     driven.drive(&["ball".into()], 0).unwrap();
     let mut bus = SensorConfig::default();
