@@ -209,7 +209,7 @@ impl SensorConfig {
         let period_us = self.refractory.period_us;
         add(period_us > 0, format!("refractory period ({period_us} us)"));
         add(readout.latency_us > 0.0 || readout.latency_light_us > 0.0, "latency".into());
-        add(readout.row_ns > 0 || readout.event_ns > 0 || readout.rate_limit_hz > 0.0, "readout bus".into());
+        add(readout.has_bus(), "readout bus".into());
         models
     }
 

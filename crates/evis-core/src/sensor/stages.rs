@@ -277,6 +277,11 @@ pub struct Readout {
 }
 
 impl Readout {
+    /// Whether pixels share a bus, or a limit of its rate: then when an event leaves depends on those of other pixels.
+    pub fn has_bus(&self) -> bool {
+        self.row_ns > 0 || self.event_ns > 0 || self.rate_limit_hz > 0.0
+    }
+
     /// Whether events leave as they were fired.
     pub fn is_off(&self) -> bool {
         let Self { latency_us, latency_light_us, jitter_us, row_ns, event_ns, rate_limit_hz, tick_us } =

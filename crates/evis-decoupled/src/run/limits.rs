@@ -4,7 +4,7 @@ use evis_scene::Scene;
 use glam::DVec3;
 
 use crate::Error;
-use crate::scene::holes::Holes;
+use crate::scene::holes::{Holes, times};
 use crate::scene::world::{Frame, World, fastest_hz};
 use crate::shading::light::MOST_OWN;
 
@@ -30,15 +30,14 @@ pub fn unsupported(scene: &Scene) -> Option<String> {
     }
 }
 
-/// Triangles smaller than a pixel that decoupled sampling always follows, where a whole picture is rendered beyond that.
+/// Triangles smaller than a pixel that decoupled sampling always follows.
 const FEW_SMALL: usize = 10_000;
-/// The same of all tiles that are rendered beyond that: fewer are not worth a renderer beside it.
-const FEW_IN_TILES: usize = 30_000;
 /// Above that, how many per pixel of the picture.
 const SMALL_PER_PIXEL: f64 = 0.25;
-/// Times at which is seen where they are, and over how many seconds in scenes without an end.
+/// Those that it always follows where crowded tiles alone are rendered: fewer are not worth a second engine.
+const FEW_IN_TILES: usize = 30_000;
+/// Times at which tiles are counted.
 const TIMES: u32 = 9;
-const SECONDS: f64 = 1.0;
 
 /// How many triangles that camera `camera` may see at the start are smaller than a pixel, where these are so many that rendering
 /// costs a fraction of following each; else `None`. `size` is as in [`crate::Settings`].
@@ -58,7 +57,7 @@ pub fn crowded(scene: &Scene, camera: usize, size: Option<(u32, u32)>) -> Result
     Ok((small > most).then_some(small))
 }
 
-/// Tiles of a picture in which triangles are smaller than pixels.
+/// Tiles of a picture in which many triangles are smaller than pixels.
 #[derive(Clone, Debug)]
 pub struct CrowdedTiles {
     /// Whether a tile is one of them at some time, row by row.
@@ -67,11 +66,11 @@ pub struct CrowdedTiles {
     pub small: usize,
 }
 
-/// In which tiles of `side` pixels camera `camera` may see more than `per_pixel` triangles smaller than a pixel for each pixel, from
-/// `start_us` of the scene's time on. `None` where they are few in all, and where a lens is distorted: its tiles are none of the
-/// picture without distortion.
+/// The tiles of `side` pixels in which camera `camera` may see more than `per_pixel` triangles smaller than a pixel for each pixel,
+/// from `start_us` of the scene's time on. `None` where such triangles are few in all, and where the lens is distorted: its tiles
+/// are not those of the picture without distortion.
 ///
-/// It is looked for at nine times until the scene ends, or of one second. `size` is as in [`crate::Settings`].
+/// Triangles are counted at nine times until the scene ends, or within one second. `size` is as in [`crate::Settings`].
 ///
 /// # Errors
 /// As [`crowded`].
@@ -92,14 +91,10 @@ pub fn crowded_tiles(
     if world.tiles.is_some() {
         return Ok(None);
     }
-    let start_s = start_us as f64 * 1e-6;
-    let left_s = scene.duration_s.map_or(SECONDS, |end_s| end_s - start_s);
-    let span_s = if left_s > 0.0 { left_s } else { SECONDS };
     let most = (per_pixel * f64::from(side).powi(2)) as usize;
     let mut found = CrowdedTiles { tiles: vec![false; columns * rows], small: 0 };
-    for k in 0..TIMES {
-        let at_s = start_s + span_s * f64::from(k) / f64::from(TIMES - 1);
-        let frame = match world.frame(at_s * 1e6) {
+    for (k, t_s) in times(scene, start_us as f64 * 1e-6, TIMES).enumerate() {
+        let frame = match world.frame(t_s * 1e6) {
             Ok(frame) => frame,
             Err(error) if k == 0 => return Err(error),
             // Poses end before the scene does.
@@ -128,7 +123,7 @@ fn triangles(scene: &Scene) -> usize {
     scene.nodes.iter().filter_map(|node| node.mesh).map(of).sum()
 }
 
-/// Says of each triangle in the picture that shows its front and is smaller than a pixel where one of its corners is.
+/// Calls `found` with a corner of each triangle in the picture that shows its front and is smaller than a pixel.
 fn for_each_small(world: &World, frame: &Frame, mut found: impl FnMut([f64; 2])) {
     let [left, top, right, bottom] = world.seen();
     for (index, surface) in world.surfaces.iter().enumerate() {

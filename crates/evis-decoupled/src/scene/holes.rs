@@ -31,8 +31,9 @@ const TOLERANCE: [f64; 2] = [0.01, 1.0];
 /// Between texels contours bend: they are sampled at up to so many places per texel along an axis, and up to so many per image.
 const MOST_FINER: u32 = 8;
 const MOST_PLACES: u32 = 2048;
-/// Times at which is seen how near cameras come, and over how many seconds in scenes without an end.
+/// Times at which is seen how near cameras come.
 const TIMES: u32 = 5;
+/// Seconds that are looked at of a scene without an end.
 const SECONDS: f64 = 1.0;
 /// Holes and specks of less than this many texels, or less than this part of their facet, are left out.
 const LEAST_AREA: f64 = 0.02;
@@ -116,6 +117,13 @@ impl Holes {
     }
 }
 
+/// So many times in seconds, evenly spaced from `start_s` to the end of `scene`, or of one second where it has none left.
+pub fn times(scene: &Scene, start_s: f64, count: u32) -> impl Iterator<Item = f64> {
+    let left_s = scene.duration_s.map_or(SECONDS, |end_s| end_s - start_s);
+    let span_s = if left_s > 0.0 { left_s } else { SECONDS };
+    (0..count).map(move |k| start_s + span_s * f64::from(k) / f64::from(count - 1))
+}
+
 /// Where cameras and nodes are at some times, in all environments.
 struct Viewpoints {
     moments: Vec<Moment>,
@@ -142,12 +150,11 @@ impl Viewpoints {
     fn new(scene: &Scene, size: Option<(u32, u32)>) -> Self {
         let variants: Vec<Option<&Variant>> =
             if scene.variants.is_empty() { vec![None] } else { scene.variants.iter().map(Some).collect() };
-        let end_s = scene.duration_s.unwrap_or(SECONDS);
         let mut moments = Vec::new();
         for variant in variants {
-            for k in 0..TIMES {
+            for t_s in times(scene, 0.0, TIMES) {
                 let mut state = SceneState::default();
-                scene.evaluate_variant(variant, end_s * f64::from(k) / f64::from(TIMES - 1), &mut state);
+                scene.evaluate_variant(variant, t_s, &mut state);
                 let cameras = (0..scene.cameras.len()).filter_map(|index| {
                     let camera = scene.camera_in(variant, index, f64::INFINITY)?;
                     let eye = state.world_from_node.get(camera.node)?.w_axis.truncate();

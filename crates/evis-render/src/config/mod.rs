@@ -215,8 +215,8 @@ pub struct RunConfig {
     /// intervals, halved where a threshold is near; 1 where it is `None`.
     pub adaptive_px: Option<f64>,
     /// Of `decoupled`: tiles of a picture in which triangles are smaller than pixels are rendered; `None` follows every triangle.
-    /// Nothing is rendered where there is no device, and where tiles cannot be told apart: by poses of a host, in environments
-    /// that differ, behind distorted lenses, and where pixels of a sensor depend on each other or on frames.
+    /// Every triangle is followed, too, without a device, with poses from a host, in environments that differ, behind distorted
+    /// lenses, and with sensors that have a readout bus or stages that are defined on frames.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub rendered_tiles: Option<RenderedTiles>,
     /// With `adaptive_px`: how light runs between two samples. Requests and presets take curves; lines are those of settings that

@@ -18,7 +18,7 @@ pub enum Crowds {
     None,
     /// In tiles.
     Tiles(CrowdedViews),
-    /// In so much of a picture that all are rendered; or tiles cannot be told apart. How many triangles.
+    /// In nearly all of a picture, or somewhere where tiles cannot be rendered alone: all pictures are. How many triangles.
     Whole(usize),
 }
 
@@ -35,8 +35,9 @@ pub struct CrowdedViews {
 
 impl Crowds {
     /// Those of `views` of `cameras`, as `config` shows `scene`: tiles that have more than `per_pixel` small triangles for each
-    /// pixel, at some time. Tiles are told apart by how things move in the scene: not where a host moves them, where
-    /// environments differ, or behind a distorted lens; nor where pixels of a sensor depend on each other or on frames.
+    /// pixel, at some time. Tiles are rendered alone where the scene says how everything moves and pixels do not depend on each
+    /// other: not where a host gives poses, environments differ or a lens is distorted, and not for sensors with a readout bus
+    /// or with stages that are defined on frames.
     ///
     /// # Errors
     /// Cameras that cannot be used.
@@ -46,10 +47,10 @@ impl Crowds {
         cameras: &[CameraInfo],
         (config, per_pixel): (&RunConfig, f64),
     ) -> Result<Self, EngineError> {
-        let apart = scene.host_poses.is_none()
+        let by_tiles = scene.host_poses.is_none()
             && scene.variants.is_empty()
             && views.iter().all(|view| view.distorted.is_none() && is_local(&view.sensor));
-        if !apart {
+        if !by_tiles {
             for camera in cameras {
                 let camera = scene.camera(&camera.name)?;
                 if let Some(small) = evis_decoupled::crowded(scene, camera, config.size)? {
@@ -78,7 +79,5 @@ impl Crowds {
 
 /// Whether each of its pixels fires by itself, whatever the others do.
 fn is_local(sensor: &SensorConfig) -> bool {
-    let readout = &sensor.readout;
-    let has_bus = readout.row_ns > 0 || readout.event_ns > 0 || readout.rate_limit_hz > 0.0;
-    !has_bus && sensor.needs_frames().is_none() && !sensor.walks_on_host()
+    !sensor.readout.has_bus() && sensor.needs_frames().is_none() && !sensor.walks_on_host()
 }

@@ -17,7 +17,7 @@ use crate::sensor::passes::{Blocks, TriggerPasses};
 use crate::sensor::step::encode_trigger;
 use crate::sensor::targets::Targets;
 use crate::sensor::trigger::trigger_steps;
-use crate::world::tiles::{TILE, tiles_along};
+use crate::world::tiles::{tile_at, tile_count, tiles_along};
 
 const WIDTH: u32 = 70;
 const HEIGHT: u32 = 9;
@@ -377,7 +377,7 @@ fn curves_between_samples_equal_their_twin() {
     let base = unit.base_us(&grid);
     let times: Vec<u32> =
         (-1..i64::from(unit.instants)).map(|k| (grid.instant_us(unit.first + k) - base) as u32).collect();
-    let tiles = tiles_along(WIDTH) * tiles_along(HEIGHT);
+    let tiles = tile_count((WIDTH, HEIGHT)) as u32;
     let tile_rates: Vec<u8> = (0..VIEWS * 2 * tiles).map(|tile| (tile % 4) as u8).collect();
     for rule in [TriggerRule::Crossing, TriggerRule::Latch] {
         let ran =
@@ -400,7 +400,7 @@ fn curves_between_samples_equal_their_twin() {
                         log_luminance(std::iter::once(y), y_ref, config.log_eps)
                     })
                     .collect();
-                let tile = y / TILE * tiles_along(WIDTH) + x / TILE;
+                let tile = tile_at(WIDTH, x, y) as u32;
                 let of_tile = [0, 1].map(|block| tile_rates[((2 * view + block) * tiles + tile) as usize]);
                 // A latch fires at samples, whatever lies between them.
                 let ways = [Interpolation::Curve, Interpolation::Line];

@@ -18,7 +18,7 @@ use crate::shadow::volume::Lamp;
 use crate::world::gpu_scene::Object;
 use crate::world::image_bounds::bounds;
 use crate::world::raster_lens::RasterLens;
-use crate::world::tiles::{TILE, tiles_along};
+use crate::world::tiles::tile_at;
 use crate::world::view;
 
 const SIZE: (u32, u32) = (320, 240);
@@ -222,7 +222,7 @@ impl Trial {
     }
 
     fn tile([x, y]: [f64; 2]) -> usize {
-        ((y as u32 / TILE) * tiles_along(SIZE.0) + x as u32 / TILE) as usize
+        tile_at(SIZE.0, x as u32, y as u32)
     }
 
     /// Places whose light changes, and those of them in tiles that are not rendered.
