@@ -155,6 +155,11 @@ fn for_each_small(world: &World, frame: &Frame, mut found: impl FnMut([f64; 2]))
 
 #[cfg(test)]
 mod tests {
+    use std::sync::Arc;
+
+    use evis_scene::motion::Path;
+    use evis_scene::{Motion, Trs};
+
     use super::*;
     use crate::scene::facets::{bounding_box, wide};
 
@@ -207,16 +212,25 @@ mod tests {
     #[test]
     fn tiles_are_crowded_where_triangles_are_and_at_any_time() {
         let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
-        // The square, which spins in the middle, as a ball.
+        // A ball in the place of the square, which flies by from left to right.
         let node = scene.nodes.iter().rposition(|node| node.mesh.is_some()).unwrap();
         let mesh = scene.nodes[node].mesh.unwrap();
         let material = scene.meshes[mesh].primitives[0].material;
         scene.materials[material].double_sided = false;
-        let mut tiles_of = |segments: [u32; 2], size: (u32, u32), side: u32, per_pixel: f64| {
-            let ball = evis_scene::primitive::Shape::Sphere { radius: 0.6 }.build(Some(segments), [1.0; 2]);
-            scene.meshes[mesh].primitives = vec![evis_scene::Primitive { material, ..ball.unwrap() }];
-            crowded_tiles(&scene, 0, Some(size), 0, (side, per_pixel)).unwrap()
-        };
+        let start = Trs { translation: DVec3::new(-1.0, 0.0, -2.8), ..Trs::default() };
+        let flight = Path::ConstantVelocity { start, velocity: DVec3::new(0.5, 0.0, 0.0) };
+        scene.nodes[node].motion = Motion::Path(Arc::new(flight));
+        let period_s = scene.duration_s.unwrap();
+        let mut tiles_within =
+            |end_s: f64, segments: [u32; 2], size: (u32, u32), side: u32, per_pixel: f64| {
+                scene.duration_s = Some(end_s);
+                let ball =
+                    evis_scene::primitive::Shape::Sphere { radius: 0.6 }.build(Some(segments), [1.0; 2]);
+                scene.meshes[mesh].primitives = vec![evis_scene::Primitive { material, ..ball.unwrap() }];
+                crowded_tiles(&scene, 0, Some(size), 0, (side, per_pixel)).unwrap()
+            };
+        let mut tiles_of =
+            |segments, size, side, per_pixel| tiles_within(period_s, segments, size, side, per_pixel);
         let fine = [400, 200];
         let found = tiles_of(fine, (64, 48), 8, 1.0).unwrap();
         assert_eq!(found.tiles.len(), 8 * 6);
@@ -229,6 +243,9 @@ mod tests {
         assert!(count(&fewer) < count(&found), "{:?}", fewer.tiles);
         assert!(tiles_of(fine, (1920, 1440), 8, 1.0).is_none(), "most are larger than a pixel");
         assert!(tiles_of([200, 100], (64, 48), 8, 1.0).is_none(), "few in all");
+        // At any time, not at first alone.
+        let at_first = tiles_within(1e-3, fine, (64, 48), 8, 1.0).unwrap();
+        assert!(2 * count(&at_first) < count(&found), "{:?} {:?}", at_first.tiles, found.tiles);
         assert!(crowded_tiles(&scene, 7, None, 0, (8, 1.0)).is_err(), "no such camera");
     }
 }
