@@ -35,6 +35,7 @@ SIMULATOR_KEYS = (
     "antialias",
     "texture_taps",
     "shadows",
+    "compute",
     "shadow_map",
     "audit",
     "cameras",

@@ -29,6 +29,7 @@ class Request:
     antialias: str | None = None
     texture_taps: int | None = None
     shadows: str | None = None
+    compute: str | None = None
     shadow_map: int | None = None
     audit: float | None = None
     cameras: list[str] = field(default_factory=list)

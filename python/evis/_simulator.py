@@ -136,6 +136,11 @@ class Simulator:
         ``maps``: by shadow maps fitted to the world, soft by a texel. ``rays``: along shadows' borders by
         rays, as sharp as what throws them, for up to twice the work; things that throw shadows must be rigid
         and without holes. Where not given, the preset's; maps without one.
+    compute : {"cpu", "gpu"}, optional
+        Where ``method="decoupled"`` evaluates pixels. ``cpu``, the default: on the processor's cores, in 64
+        bits. ``gpu``: by compute passes on the device, in 32 bits, of sensors of two thresholds; tiles that
+        they cannot show (other maps than base colour, a visible environment, a distorted lens) and pixels
+        that see more than 16 facets stay on the processor. Not measured on a graphics card yet.
     shadow_map : int, optional
         Texels of a shadow map's edge, 64 to 16384. If not given, the power of two nearest to 12.8 times the
         longest edge of any of the scene's pictures, 1024 to 8192 (8192 for 640x480); but 4096 at most where
@@ -234,6 +239,7 @@ class Simulator:
         antialias: Literal["samples", "edges"] | None = None,
         texture_taps: int | None = None,
         shadows: Literal["maps", "rays"] | None = None,
+        compute: Literal["cpu", "gpu"] | None = None,
         shadow_map: int | None = None,
         audit: float | None = None,
         cameras: Sequence[str | EventCamera] | None = None,
@@ -298,6 +304,7 @@ class Simulator:
             antialias=_word(antialias),
             texture_taps=_check.whole_or_none("texture_taps", texture_taps),
             shadows=_word(shadows),
+            compute=_word(compute),
             shadow_map=_check.whole_or_none("shadow_map", shadow_map),
             audit=_check.number_or_none("audit", audit),
             cameras=names,

@@ -3,7 +3,7 @@
 use evis_core::ConfigError;
 
 /// Fields of a request, and the options that set them.
-const FLAGS: [(&str, &str); 34] = [
+const FLAGS: [(&str, &str); 35] = [
     ("animation", "--animation"),
     ("settings", "--settings"),
     ("sensor", "--sensor"),
@@ -16,6 +16,7 @@ const FLAGS: [(&str, &str); 34] = [
     ("antialias", "--antialias"),
     ("texture_taps", "--texture-taps"),
     ("shadows", "--shadows"),
+    ("compute", "--compute"),
     ("shadow_map", "--shadow-map"),
     ("keyframe_hz", "--keyframe-rate"),
     ("steps", "--steps"),

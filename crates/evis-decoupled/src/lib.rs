@@ -14,12 +14,14 @@
 
 mod hash;
 pub mod image;
+pub mod packed;
 mod run;
 pub mod scene;
 pub mod shading;
 pub mod signal;
 pub mod visibility;
 
+pub use run::device::{Device, Devices};
 pub use run::limits::{CrowdedTiles, crowded, crowded_tiles, unsupported};
 pub use run::simulate::{Outcome, Report, Settings, luminance, luminance_of, simulate};
 pub use run::stream::{Cost, Piece, Stream, StreamSettings, View};
@@ -37,6 +39,9 @@ pub enum Error {
     /// What a scene has and this method does not know.
     #[error("decoupled sampling cannot show {0}; use native sampling")]
     Unsupported(String),
+    /// What followed pixels.
+    #[error("the device that follows pixels: {0}")]
+    Device(String),
     /// The thread of a stream.
     #[error("the stream's thread: {0}")]
     Thread(String),

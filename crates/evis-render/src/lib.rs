@@ -41,9 +41,10 @@ mod tests;
 
 pub use config::dense::{DenseKind, DenseOutput};
 pub use config::{
-    Antialias, Interpolation, Method, Quality, RenderedTiles, RunConfig, Shadows, scene_sensors,
+    Antialias, Compute, Interpolation, Method, Quality, RenderedTiles, RunConfig, Shadows, scene_sensors,
 };
 pub use engine::bench;
+pub use engine::follower::Followers;
 pub use engine::{EnvironmentLens, EnvironmentSensor, PacketStream, Simulator};
 pub use error::EngineError;
 /// Of [`DenseKind`].

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use evis_core::TriggerRule;
-use evis_render::{Antialias, Method, Quality, Shadows};
+use evis_render::{Antialias, Compute, Method, Quality, Shadows};
 
 use super::camera::{AnimationArgs, CameraArgs};
 use super::choices::{labels, words};
@@ -199,6 +199,13 @@ pub(crate) struct RunArgs {
     /// At most so many, along each side of the sample's share of the pixel. The default is 2 up to 8 samples, 3 up to 15, then 4.
     #[arg(long, value_name = "N", value_parser = texture_taps, allow_hyphen_values = true, help_heading = "Quality", hide_short_help = true)]
     pub(crate) texture_taps: Option<u32>,
+
+    /// Where decoupled sampling evaluates pixels [default: cpu]
+    ///
+    /// gpu takes sensors of two thresholds; tiles that its passes cannot show stay on the processor. It was not measured on a
+    /// graphics card yet.
+    #[arg(long, value_parser = words::<Compute>(), value_name = "WHERE", help_heading = "Quality", hide_short_help = true)]
+    pub(crate) compute: Option<Compute>,
 
     /// How shadows are found [default: the preset's; maps without one]
     #[arg(long, value_parser = words::<Shadows>(), value_name = "HOW", help_heading = "Quality", hide_short_help = true)]

@@ -220,6 +220,7 @@ fn request(args: &RunArgs) -> anyhow::Result<RunRequest> {
             antialias: args.antialias,
             texture_taps: args.texture_taps,
             shadows: args.shadows,
+            compute: args.compute,
         },
         keyframe_hz: args.splat.keyframe_rate,
         steps: args.splat.steps,

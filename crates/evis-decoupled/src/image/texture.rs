@@ -16,6 +16,8 @@ use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
 use glam::{DVec2, DVec3, DVec4, Vec3, Vec4};
 
+use crate::packed;
+
 /// An edge is read at one place between two lines where its lean times the cube of its height there, over the footprint's
 /// area, is at most this.
 const ONE_PLACE: f32 = 0.01;
@@ -433,6 +435,40 @@ impl Textures {
             std::mem::swap(upper, lower);
         }
         means.iter().all(|m| m.is_finite()).then_some(())
+    }
+
+    /// Appends the textures that are `used` to `scene`; of others a device knows no texels.
+    pub fn pack(&self, used: &[bool], scene: &mut packed::Scene) {
+        let first = scene.rows.len();
+        scene.textures = first as u32;
+        scene.rows.resize(first + 2 * self.textures.len(), [0.0; 4]);
+        let mut all_sums: Vec<&[Vec4]> = Vec::new();
+        let mut count = 0;
+        for (number, texture) in self.textures.iter().enumerate().filter(|(number, _)| used[*number]) {
+            let Some(chain) = self.chains.get(texture.image).filter(|chain| !chain.is_empty()) else {
+                continue;
+            };
+            let wrap = |wrap: Wrap| match wrap {
+                Wrap::Repeat => 0,
+                Wrap::Clamp => 1,
+                Wrap::Mirror => 2,
+            };
+            let flags = wrap(texture.wrap_u) | wrap(texture.wrap_v) << 2 | u32::from(texture.nearest) << 4;
+            let levels = (scene.rows.len() - first) as u32;
+            scene.rows[first + 2 * number] = packed::as_floats([levels, chain.len() as u32, flags, 0]);
+            scene.rows[first + 2 * number + 1] = self.overall(number);
+            for (index, level) in chain.iter().enumerate() {
+                // Along rows only: columns would be as much again.
+                let sums = self.sums(number, index, false);
+                scene.rows.push(packed::as_floats([level.width as u32, level.height as u32, 0, 0]));
+                let words = [count, sums.period as u32, sums.border as u32, sums.lines as u32];
+                scene.rows.push(packed::as_floats(words));
+                count += sums.sums.len() as u32;
+                all_sums.push(&sums.sums);
+            }
+        }
+        scene.sums = scene.rows.len() as u32;
+        scene.rows.extend(all_sums.into_iter().flatten().map(|sum| sum.to_array()));
     }
 
     /// Sums of a level of texture `number` along rows, or along columns if `across`.

@@ -4,9 +4,9 @@ use evis_scene::Scene;
 use glam::DVec3;
 
 use crate::Error;
+use crate::packed::MOST_OWN;
 use crate::scene::holes::{Holes, times};
 use crate::scene::world::{Frame, World, fastest_hz};
-use crate::shading::light::MOST_OWN;
 
 /// The fastest analytic motion, in periods per second: an eighth of a period takes the shortest block.
 const MOST_HZ: f64 = 1500.0;

@@ -1,5 +1,6 @@
 //! The loop over blocks, tiles and pixels, and what runs it.
 
+pub(crate) mod device;
 pub(crate) mod frames;
 pub(crate) mod limits;
 pub(crate) mod sensing;

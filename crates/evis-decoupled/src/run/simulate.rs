@@ -1,7 +1,7 @@
 //! Events of an ideal sensor from a scene.
 
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use evis_core::emulator::parts::ReadoutQueue;
@@ -13,18 +13,21 @@ use evis_scene::{Scene, Variant};
 use rayon::prelude::*;
 
 use crate::Error;
+use crate::packed;
+use crate::run::device::{Devices, Loaded, event_at};
 use crate::run::frames::{FrameSensor, Taken, block_us};
 use crate::run::sensing::Sensing;
 use crate::scene::holes::Holes;
 use crate::scene::tiles::{PIXELS, TILE};
 use crate::scene::world::World;
+use crate::shading::light::packed::RowPacker;
 use crate::shading::light::{Lighting, Shared};
 use crate::signal::events::Thresholds;
 use crate::signal::knots::{TileLuminance, TileSignal};
 use crate::signal::path::{PixelPath, STEP_PX, stride};
-use crate::signal::pixel::{Evaluator, UNITS, Work};
+use crate::signal::pixel::{Evaluator, PixelActivity, UNITS, Work};
 use crate::visibility::blocks::{Block, Blocks, Clock, blocks};
-use crate::visibility::lists::{Lists, TileList};
+use crate::visibility::lists::{Entry, Lists, TileList};
 
 /// Limits of [`Settings::step_px`].
 const LEAST_STEP_PX: f64 = 0.05;
@@ -56,6 +59,8 @@ pub struct Settings {
     pub step_px: f64,
     /// `Y_ref`; `None` takes the luminance that brings the picture's log-mean at the start to 0.18.
     pub reference_luminance: Option<f64>,
+    /// What follows pixels where it can; the processor's cores where this is `None`.
+    pub devices: Option<Arc<dyn Devices>>,
 }
 
 impl Default for Settings {
@@ -72,6 +77,7 @@ impl Default for Settings {
             block_us: 32_768,
             step_px: STEP_PX,
             reference_luminance: None,
+            devices: None,
         }
     }
 }
@@ -127,6 +133,10 @@ pub struct Report {
     pub pixel_blocks: u64,
     /// Of these, those in which something moves and light stays between a pixel's thresholds, as bounds say.
     pub quiet: u64,
+    /// Of the evaluations, those on a device.
+    pub on_device: u64,
+    /// Pixels times blocks that a device left to the processor, since something of them did not fit.
+    pub refollowed: u64,
     /// Evaluations of a pixel that one facet covers.
     pub plain: u64,
     /// Cells shaded.
@@ -158,6 +168,11 @@ struct Row {
     samples: Vec<f32>,
     events: Vec<Event>,
     report: Report,
+    /// What a device is given of the block in work, and for each of its pixels the number among `paths`.
+    packer: RowPacker,
+    packed: Vec<usize>,
+    /// Per tile, pixels that the device could not follow.
+    failed: Vec<u64>,
 }
 
 /// How pixels are followed.
@@ -181,6 +196,8 @@ pub(crate) struct Pixels {
     queue: Option<ReadoutQueue>,
     /// A sensor that takes frames.
     frames: Option<FrameSensor>,
+    /// What follows pixels of a sensor of thresholds, where that is not the processor.
+    device: Option<Loaded>,
     report: Report,
 }
 
@@ -220,6 +237,13 @@ impl Pixels {
             samples: Vec::new(),
             events: Vec::new(),
             report: Report::default(),
+            packer: RowPacker::default(),
+            packed: Vec::new(),
+            failed: vec![0; columns],
+        };
+        let device = match settings.devices.as_ref().filter(|_| ideal) {
+            Some(devices) => Some(Loaded::new(devices.open()?)),
+            None => None,
         };
         Ok(Self {
             rows: (0..rows).map(new_row).collect(),
@@ -233,6 +257,7 @@ impl Pixels {
                 sensing,
             },
             frames,
+            device,
             report: Report::default(),
         })
     }
@@ -282,15 +307,37 @@ impl Pixels {
         let lighting = &*lighting;
         let taken = self.frames.as_mut().map(|frames| frames.taken(block, jumps_next));
         let (following, rooms, taken) = (&self.following, &self.rooms, taken.as_ref());
-        self.rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
-            if !stop.load(Ordering::Relaxed) {
-                let evaluator = Evaluator { world, lists: &lists, lighting, block, once: false };
-                // Pages of pictures that rows share are found by the thread that rendered them.
-                let own = rayon::current_thread_index().unwrap_or(usize::MAX).min(rooms.len() - 1);
-                let mut work = rooms[own].lock().unwrap_or_else(PoisonError::into_inner);
-                row.follow(&mut work, &evaluator, (following, taken), index);
-            }
+        let evaluator = Evaluator { world, lists: &lists, lighting, block, once: false };
+        let each_row = |rows: &mut [Row], follow: &(dyn Fn(&mut Row, &mut Work, usize) + Sync)| {
+            rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
+                if !stop.load(Ordering::Relaxed) {
+                    // Pages of pictures that rows share are found by the thread that rendered them.
+                    let own = rayon::current_thread_index().unwrap_or(usize::MAX).min(rooms.len() - 1);
+                    let mut work = rooms[own].lock().unwrap_or_else(PoisonError::into_inner);
+                    follow(row, &mut work, index);
+                }
+            });
+        };
+        let packs = self.device.is_some();
+        each_row(&mut self.rows, &|row, work, index| {
+            row.follow(work, &evaluator, (following, taken), (index, packs));
         });
+        if let Some(device) = self.device.as_mut().filter(|_| !stop.load(Ordering::Relaxed)) {
+            let job = following.job(&evaluator);
+            let mut packed = packed::Block::new(job, self.rows.iter().map(|row| &row.packer.row));
+            let mut fired = device.follow(lighting, &mut packed)?;
+            // Stable: those of one pixel are in firing order.
+            fired.sort_by_key(|event| event.pixel);
+            let (mut pixels, mut first) = (&packed.pixels[..], 0);
+            for (index, row) in self.rows.iter_mut().enumerate() {
+                let own = pixels.split_off(..row.packed.len()).unwrap_or_default();
+                row.take(&evaluator, following, (first, own), &fired, index);
+                first += own.len();
+            }
+            each_row(&mut self.rows, &|row, work, index| {
+                row.follow_failed(work, &evaluator, following, index);
+            });
+        }
         if stop.load(Ordering::Relaxed) {
             return Ok(None);
         }
@@ -334,6 +381,8 @@ impl Pixels {
             report.entries += row.entries;
             report.pixel_blocks += row.pixel_blocks;
             report.quiet += row.quiet;
+            report.refollowed += row.refollowed;
+            report.on_device += row.on_device;
             report.losses.add(row.losses);
         }
         report.cells = lighting.shaded.load(Ordering::Relaxed);
@@ -377,16 +426,50 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     Ok(Outcome { events, reference_luminance: reference, report: pixels.report(&lighting) })
 }
 
+impl Following {
+    /// What all pixels of a block share.
+    fn job(&self, evaluator: &Evaluator) -> packed::Job {
+        let Evaluator { world, lists, lighting, block, .. } = evaluator;
+        let [near, far] = [lists.depths.near, lists.depths.far].map(|depth| 1.0 / depth);
+        let parallel = if lists.depths.far.is_finite() { packed::PARALLEL } else { 0 };
+        let (own, lamps) = lighting.pack_lamps(centre_of(world), times_of(world, *block));
+        packed::Job {
+            length_us: block.length_us() as f32,
+            start_us: (block.start_us - block.start_us.floor()) as f32,
+            near: near as f32,
+            far: far as f32,
+            background: lighting.plain_background().unwrap_or(0.0) as f32,
+            flags: parallel | if block.jump { packed::JUMPS } else { 0 },
+            lamps,
+            own,
+            ..self.thresholds.pack()
+        }
+    }
+}
+
+/// The middle of the picture without distortion.
+fn centre_of(world: &World) -> [f64; 2] {
+    [world.lens.width, world.lens.height].map(|v| 0.5 * f64::from(v))
+}
+
+/// Seconds of the scene at the start of `block`, and during it.
+fn times_of(world: &World, block: Block) -> [f64; 2] {
+    let [start_s, end_s] = [block.start_us, block.end_us].map(|t_us| world.scene_seconds(t_us));
+    [start_s, end_s - start_s]
+}
+
 impl Row {
     fn follow(
         &mut self,
         work: &mut Work,
         evaluator: &Evaluator,
         (following, taken): (&Following, Option<&Taken>),
-        row: usize,
+        (row, packs): (usize, bool),
     ) {
         self.columns.clear();
         self.samples.clear();
+        self.packed.clear();
+        self.packer.begin(centre_of(evaluator.world), times_of(evaluator.world, evaluator.block));
         let columns = evaluator.lists.columns;
         let only = following.only.get(row * columns..(row + 1) * columns).unwrap_or_default();
         if !only.is_empty() && !only.contains(&true) {
@@ -398,9 +481,55 @@ impl Row {
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| wanted(*column)) {
-            self.tile(work, evaluator, (following, taken), tile, [column, row]);
+            self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs));
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();
+    }
+
+    /// Takes what a device made of the `pixels` of this row, number `row`, from number `first` of the block on, and of all that
+    /// `fired`, pixel by pixel.
+    fn take(
+        &mut self,
+        evaluator: &Evaluator,
+        following: &Following,
+        (first, pixels): (usize, &[packed::Pixel]),
+        fired: &[packed::Event],
+        row: usize,
+    ) {
+        let block = evaluator.block;
+        let start_us = block.start_us.floor() as i64 - following.start_us;
+        let mut fired = &fired[fired.partition_point(|event| (event.pixel as usize) < first)..];
+        for ((index, pixel), &slot) in (first..).zip(pixels).zip(&self.packed) {
+            let own = fired.iter().take_while(|event| event.pixel as usize == index).count();
+            let own = fired.split_off(..own).unwrap_or_default();
+            let (column, number) = (slot / PIXELS, slot % PIXELS);
+            if pixel.failed != 0 {
+                self.failed[column] |= 1 << number;
+                continue;
+            }
+            let place = [column * TILE + number % TILE, row * TILE + number / TILE].map(|v| v as u16);
+            self.events.extend(own.iter().map(|event| event_at(*event, start_us, place)));
+            self.report.evaluations += u64::from(pixel.evaluations);
+            self.report.on_device += u64::from(pixel.evaluations);
+            if let Some(path) = &mut self.paths[slot] {
+                path.unpack(block, pixel);
+            }
+        }
+    }
+
+    /// Follows what a device could not.
+    fn follow_failed(&mut self, work: &mut Work, evaluator: &Evaluator, following: &Following, row: usize) {
+        if self.failed.iter().all(|pixels| *pixels == 0) {
+            return;
+        }
+        let failed = std::mem::take(&mut self.failed);
+        let tiles = evaluator.lists.row_where(evaluator.world, row, |column| failed[column] != 0);
+        for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| failed[*column] != 0) {
+            self.report.refollowed += u64::from(failed[column].count_ones());
+            let place = ([column, row], Some(failed[column]), false);
+            self.tile(work, evaluator, (following, None), tile, place);
+        }
+        self.failed = vec![0; failed.len()];
     }
 
     fn tile(
@@ -409,7 +538,7 @@ impl Row {
         evaluator: &Evaluator,
         (following, taken): (&Following, Option<&Taken>),
         list: &TileList,
-        [column, row]: [usize; 2],
+        ([column, row], only, packs): ([usize; 2], Option<u64>, bool),
     ) {
         let entries = &list.entries[..];
         let Following { thresholds, step_px, start_us, sensing, .. } = following;
@@ -421,11 +550,15 @@ impl Row {
         let seen = evaluator.world.tile([column, row]).pixels;
         let inside =
             |pixel: &usize| seen >> *pixel & 1 == 1 && place(*pixel).0 < width && place(*pixel).1 < height;
+        // Of a tile whose others a device has followed.
+        let (again, only) = (only.is_some(), only.unwrap_or(u64::MAX));
         let mut activities = [None; PIXELS];
         for pixel in (0..PIXELS).filter(inside) {
             activities[pixel] = Some(evaluator.activity(work, entries, pixel));
-            self.report.entries += work.entry_count(pixel) as u64;
-            self.report.pixel_blocks += 1;
+            if !again {
+                self.report.entries += work.entry_count(pixel) as u64;
+                self.report.pixel_blocks += 1;
+            }
         }
         if sensing.is_some() || taken.is_some() {
             let (before, with) = (self.lights[column].as_ref(), (evaluator, &mut *work));
@@ -448,6 +581,7 @@ impl Row {
             let Some(activity) = activity else { continue };
             let path = self.paths[column * PIXELS + pixel].as_mut();
             if !activity.still
+                && only >> pixel & 1 == 1
                 && let Some(path) = path
                 && evaluator.stays_within(work, pixel, path.quiet(thresholds))
             {
@@ -458,7 +592,11 @@ impl Row {
             }
             evaluator.expect(work, pixel, stride(block, *step_px, activity));
         }
-        for (pixel, activity) in activities.iter().enumerate().filter(|(pixel, _)| resting >> pixel & 1 == 0)
+        let follows = only & !resting;
+        if packs && self.pack(work, evaluator, following, entries, (&activities, follows, column)) {
+            return;
+        }
+        for (pixel, activity) in activities.iter().enumerate().filter(|(pixel, _)| follows >> pixel & 1 == 1)
         {
             let (Some(activity), (x, y)) = (activity, place(pixel)) else { continue };
             evaluator.enter_pixel(work, pixel);
@@ -474,6 +612,44 @@ impl Row {
                     events.push(Event::new(t, x as u16, y as u16, polarity));
                 });
         }
+    }
+
+    /// Leaves those of the pixels `follows` of a tile of which anything changes to a device; false where that cannot show them.
+    fn pack(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        following: &Following,
+        entries: &[Entry],
+        (activities, follows, column): (&[Option<PixelActivity>; PIXELS], u64, usize),
+    ) -> bool {
+        let block = evaluator.block;
+        let moves = |activity: &PixelActivity| !activity.still || block.jump;
+        let pixels = activities.iter().enumerate().filter(|(_, a)| a.as_ref().is_some_and(moves));
+        let pixels = follows & pixels.fold(0, |pixels, (pixel, _)| pixels | 1 << pixel);
+        if pixels == 0 {
+            return true;
+        }
+        let Following { thresholds, step_px, .. } = following;
+        let mut added = Vec::new();
+        if !evaluator
+            .pack(work, entries, pixels, &mut self.packer, |pixel, packed| added.push((pixel, packed)))
+        {
+            return false;
+        }
+        for (pixel, mut packed) in added {
+            let (Some(activity), slot) = (&activities[pixel], column * PIXELS + pixel) else { continue };
+            let path = self.paths[slot].get_or_insert_with(|| {
+                evaluator.enter_pixel(work, pixel);
+                PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)
+            });
+            packed.stride = stride(block, *step_px, activity);
+            packed.least = PixelPath::least(*step_px, activity);
+            path.pack(block, &mut packed);
+            self.packer.row.pixels.push(packed);
+            self.packed.push(slot);
+        }
+        true
     }
 }
 

@@ -10,6 +10,7 @@ use evis_core::random::Key;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
+use crate::run::device::Devices;
 use crate::run::simulate::{Pixels, Report, Settings, picture, reference_luminance};
 use crate::scene::holes::Holes;
 use crate::scene::world::World;
@@ -53,13 +54,15 @@ pub struct StreamSettings {
     pub pose_step_us: i64,
     /// Per view, row by row: in which tiles of [`crate::scene::tiles::TILE`] pixels anything may fire; everywhere in a view of which it says nothing.
     pub only: Vec<Vec<bool>>,
+    /// See [`Settings::devices`].
+    pub devices: Option<Arc<dyn Devices>>,
 }
 
 impl Default for StreamSettings {
     fn default() -> Self {
         let Settings { size, start_us, step_px, rate_hz, .. } = Settings::default();
-        let (reference_luminance, pose_step_us, only) = (None, 10_000, Vec::new());
-        Self { size, start_us, step_px, rate_hz, reference_luminance, pose_step_us, only }
+        let (reference_luminance, pose_step_us, only, devices) = (None, 10_000, Vec::new(), None);
+        Self { size, start_us, step_px, rate_hz, reference_luminance, pose_step_us, only, devices }
     }
 }
 
@@ -79,6 +82,7 @@ impl StreamSettings {
             step_px,
             rate_hz,
             sensor_threads,
+            devices: self.devices.clone(),
             ..Settings::default()
         }
     }

@@ -162,6 +162,11 @@ impl TileView {
         )
     }
 
+    /// Whether its pixels are squares side by side.
+    pub fn is_square(&self) -> bool {
+        self.bent.is_none()
+    }
+
     /// Where pixel number `pixel` is.
     #[inline(always)]
     pub fn pixel(&self, pixel: usize) -> PixelFrame {

@@ -8,6 +8,7 @@
 
 mod bounds;
 mod maps;
+pub mod packed;
 mod shadows;
 mod times;
 
@@ -23,6 +24,7 @@ use crate::Error;
 use crate::hash::Words;
 use crate::image::maps::{Map as TextureMap, Maps};
 use crate::image::texture::{Cells, Textures};
+use crate::packed::MOST_OWN;
 use crate::scene::facets::{Facet, bounding_box, wide};
 use crate::scene::screen::{Depths, Screen};
 use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
@@ -170,6 +172,8 @@ pub struct Lighting<'a> {
     shadowed: Vec<Map<Shadowed>>,
     /// Number of the block, from 1.
     block: u64,
+    /// Of materials and lights: how often they were found to be others.
+    version: u64,
     /// Nodes shaded so far.
     pub shaded: std::sync::atomic::AtomicU64,
     /// Per lamp of `own`, on the screen.
@@ -267,9 +271,6 @@ struct Shade {
     /// Pixels into which a shadow may come.
     touched: u64,
 }
-
-/// Most lamps whose light is kept apart, as there are bits in a byte; further ones throw no shadows.
-pub const MOST_OWN: usize = 8;
 
 /// What may throw shadows.
 #[derive(Clone, Copy)]
@@ -395,6 +396,7 @@ impl<'a> Lighting<'a> {
             patches: (0..SHARDS).map(|_| Map::default()).collect(),
             shadowed: (0..SHARDS).map(|_| Map::default()).collect(),
             block: 0,
+            version: 0,
             shaded: Default::default(),
             screen_lamps: Vec::new(),
             lamp_places: Vec::new(),
@@ -427,10 +429,10 @@ impl<'a> Lighting<'a> {
         let state = &frames[0].state;
         if state.factors != self.factors || state.lights != self.lights {
             // What is kept of earlier blocks was lit as materials and lights were then.
-            let (block, shaded) = (self.block, std::mem::take(&mut self.shaded));
+            let (block, version, shaded) = (self.block, self.version + 1, std::mem::take(&mut self.shaded));
             let (factors, lights) = (state.factors.clone(), state.lights.clone());
             let now = Self::with_factors(world, &Arc::clone(&self.shared), factors, lights);
-            *self = Self { block, shaded, ..now };
+            *self = Self { block, version, shaded, ..now };
         }
         self.lamps = frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
         let apart = |l: &Lamp| l.casts_shadow || l.waveform.is_some();

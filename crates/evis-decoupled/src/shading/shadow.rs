@@ -11,7 +11,7 @@ use crate::scene::contour::area;
 use crate::scene::tiles::{PixelFrame, TILE, TileView};
 use crate::visibility::coverage::{Corners, Cutter, Moments, PIXEL, Polygons, moments};
 use crate::visibility::fragment::Line;
-use crate::visibility::lists::powers;
+use crate::visibility::lists::{powers, rows_about};
 use crate::visibility::mask;
 
 /// What lies beyond a facet by less than this part of the lamp's distance from it is the facet itself, or touches it.
@@ -38,6 +38,11 @@ impl Occluder {
             std::array::from_fn(|axis| std::array::from_fn(|corner| p[corner][power][axis]))
         });
         Self { points, facet }
+    }
+
+    /// Its image points about `centre`, as a device has them.
+    pub fn rows_about(&self, centre: [f64; 2]) -> [[f32; 4]; 9] {
+        rows_about(&self.points, centre)
     }
 
     /// Half planes about a tile's centre whose intersection is its shadow on the plane of `receiver`.
@@ -376,6 +381,15 @@ impl ScreenLamp {
     /// From homogeneous image points and their weights at the start, middle and end of a block.
     pub fn new(h: [(DVec3, f64); 3]) -> Self {
         Self { powers: powers(h.map(|(place, _)| place)), weights: powers(h.map(|(_, weight)| weight)) }
+    }
+
+    /// Its image point about `centre` and its weight, by power of time, as a device has them.
+    pub fn rows_about(&self, centre: [f64; 2]) -> [[f32; 4]; 3] {
+        std::array::from_fn(|power| {
+            let h = self.powers[power];
+            let about = [h.x - centre[0] * h.z, h.y - centre[1] * h.z, h.z, self.weights[power]];
+            about.map(|v| v as f32)
+        })
     }
 
     #[inline(always)]

@@ -2,6 +2,8 @@
 
 use evis_core::{Polarity, SensorConfig};
 
+use crate::packed;
+
 /// Light that comes as near to a level as this, in log units, reaches it: a lamp that blinks returns to the same light but for
 /// rounding, of 1 in 10^8 where it was found in another way.
 const TIE: f64 = 1e-6;
@@ -23,6 +25,17 @@ impl Thresholds {
             off: f64::from(sensor.threshold_off),
             eps: f64::from(sensor.log_eps),
             reference_luminance,
+        }
+    }
+
+    /// As a device has them.
+    pub fn pack(&self) -> packed::Job {
+        packed::Job {
+            threshold_on: self.on as f32,
+            threshold_off: self.off as f32,
+            log_eps: self.eps as f32,
+            reference_luminance: self.reference_luminance as f32,
+            ..packed::Job::default()
         }
     }
 
@@ -123,9 +136,11 @@ impl Piece {
             loop {
                 let (level, polarity) = if end >= reference.above - thresholds.tie(reference.above) {
                     (reference.above, Polarity::On)
-                } else if end <= reference.below + thresholds.tie(reference.below) && reference.below > 0.0 {
-                    // Levels below zero are never reached: a polynomial may be negative, light is not, and levels
-                    // converge towards -eps, so that following it there would not terminate.
+                } else if end <= reference.below + thresholds.tie(reference.below)
+                    && reference.below > -thresholds.tie(0.0)
+                {
+                    // Levels below zero are never reached but for rounding: a polynomial may be negative, light is not, and
+                    // levels converge towards -eps, so that following it there would not terminate.
                     (reference.below, Polarity::Off)
                 } else {
                     break;

@@ -5,6 +5,7 @@
 //! how far it is off. An interval in which it may cross a threshold, and is not known well enough to say when, is
 //! halved. Thresholds are crossed on two quadratics that meet the cubic at both ends and in the middle of either half.
 
+use crate::packed;
 use crate::signal::events::{Piece, Reference, Thresholds};
 use crate::signal::pixel::{PixelActivity, UNITS};
 use crate::visibility::blocks::Block;
@@ -60,6 +61,8 @@ pub struct PixelPath {
     before: Option<Point>,
     /// It was not followed since the last.
     rested: bool,
+    /// Nor ever.
+    begins: bool,
 }
 
 /// Work on one pixel in one block.
@@ -145,7 +148,7 @@ impl PixelPath {
     /// A pixel that begins at `t_us` with `luminance`.
     pub fn new(t_us: f64, luminance: f64, thresholds: &Thresholds) -> Self {
         let reference = Reference::at(thresholds.log(luminance), thresholds);
-        Self { reference, last: Point { t_us, luminance }, before: None, rested: false }
+        Self { reference, last: Point { t_us, luminance }, before: None, rested: false, begins: true }
     }
 
     /// Luminances between which it fires nothing.
@@ -156,9 +159,46 @@ impl PixelPath {
         [below + off(below), above - off(above)]
     }
 
+    /// What a device needs of it to follow it through `block`, into `pixel`.
+    pub fn pack(&self, block: Block, pixel: &mut packed::Pixel) {
+        pixel.last = self.last.luminance as f32;
+        // What went before was still, otherwise.
+        if let Some(before) = self.before.filter(|_| self.last.t_us == block.start_us) {
+            pixel.before_us = (before.t_us - block.start_us) as f32;
+            pixel.before = before.luminance as f32;
+            pixel.flags |= packed::HAS_BEFORE;
+        }
+        pixel.flags |= if self.rested { packed::RESTED } else { 0 };
+        // What light returns to must have been found in the same way.
+        pixel.flags |= if self.begins { packed::BEGINS } else { 0 };
+        let Reference { log, above, below } = self.reference;
+        (pixel.log, pixel.above, pixel.below) = (log as f32, above as f32, below as f32);
+    }
+
+    /// Goes on from where a device has followed it to, at the end of `block`.
+    pub fn unpack(&mut self, block: Block, pixel: &packed::Pixel) {
+        let at = |t_us: f64, luminance: f32| Point { t_us, luminance: luminance.into() };
+        let only_jumps = pixel.stride == 0 && block.length_us() > INSTANT_US;
+        let end_us = if only_jumps { block.start_us } else { block.end_us };
+        self.last = at(end_us, pixel.last);
+        let known = pixel.flags & packed::HAS_BEFORE != 0;
+        self.before = known.then(|| at(block.start_us + f64::from(pixel.before_us), pixel.before));
+        (self.rested, self.begins) = (false, false);
+        let [log, above, below] = [pixel.log, pixel.above, pixel.below].map(f64::from);
+        self.reference = Reference { log, above, below };
+    }
+
+    /// Units to which intervals are halved at most.
+    pub fn least(step_px: f64, activity: &PixelActivity) -> u32 {
+        let units =
+            |px: f64| (px / activity.motion_px.max(1e-9) * f64::from(UNITS)).min(f64::from(UNITS)) as u32;
+        let of_period = f64::from(UNITS) / (activity.periods * LEAST_PERIOD_PARTS).max(1.0);
+        units(LEAST_PX.min(0.5 * step_px)).min(of_period as u32).max(1)
+    }
+
     /// Leaves out a block in which it fires nothing.
     pub fn rest(&mut self) {
-        self.rested = true;
+        (self.rested, self.begins) = (true, false);
     }
 
     /// Follows the pixel through a block; `light` evaluates it at parts of the block in [`UNITS`], `fire` takes events in
@@ -172,10 +212,7 @@ impl PixelPath {
         light: impl FnMut(u32) -> f64,
         fire: impl FnMut(f64, evis_core::Polarity),
     ) -> u64 {
-        let units =
-            |px: f64| (px / activity.motion_px.max(1e-9) * f64::from(UNITS)).min(f64::from(UNITS)) as u32;
-        let of_period = f64::from(UNITS) / (activity.periods * LEAST_PERIOD_PARTS).max(1.0);
-        let least = units(LEAST_PX.min(0.5 * step_px)).min(of_period as u32).max(1);
+        let least = Self::least(step_px, activity);
         let mut walk = Walk { thresholds, block, least, light, fire, evaluations: 0 };
         if self.last.t_us != block.start_us {
             // What went before was still.
@@ -193,6 +230,7 @@ impl PixelPath {
         if activity.still {
             return walk.evaluations;
         }
+        self.begins = false;
         if std::mem::take(&mut self.rested) && !block.jump {
             self.last = walk.at(0);
         }

@@ -6,9 +6,11 @@
 
 use std::time::Instant as Timer;
 
+use crate::packed;
 use crate::scene::tiles::{PIXELS, TileView};
 use crate::scene::world::World;
-use crate::shading::light::{Instant, Lighting, Part, TileLight};
+use crate::shading::light::packed::RowPacker;
+use crate::shading::light::{Instant, Lighting, Part, TileLight, bits};
 use crate::visibility::blocks::Block;
 use crate::visibility::coverage::{Moments, Regions};
 use crate::visibility::fragment::{Fragment, Sight};
@@ -260,6 +262,46 @@ impl Evaluator<'_> {
             self.lighting.shade_slot(light, record, own.record, slot);
             within(light.range(&bounds, slot, pixel))
         })
+    }
+
+    /// Appends to `packer` what the `pixels` of a tile may see, once their activities are known, and calls `add` with each of
+    /// them; false where a device cannot show it, and nothing is appended.
+    pub fn pack(
+        &self,
+        work: &mut Work,
+        entries: &[Entry],
+        pixels: u64,
+        packer: &mut RowPacker,
+        mut add: impl FnMut(usize, packed::Pixel),
+    ) -> bool {
+        let lighting = self.lighting;
+        let record = |entry: &Entry| &self.lists.records[entry.record as usize];
+        let seen = |entry: &&Entry| entry.touches & pixels != 0;
+        let behind_all = lighting.plain_background().is_some() || pixels & !work.filled == 0;
+        let plain = entries.iter().filter(seen).all(|entry| lighting.is_packable(record(entry).facet));
+        if !(work.view.is_square() && behind_all && plain) {
+            return false;
+        }
+        work.light.enter_pixel(false);
+        let mut numbers = vec![0; entries.len()];
+        for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| seen(entry)) {
+            let of = (record(entry), entry.record);
+            lighting.shade_slot(&mut work.light, of.0, of.1, slot);
+            numbers[slot] = lighting.pack_entry(&work.light, slot, of, packer);
+        }
+        for pixel in bits(pixels) {
+            let own = &work.own[work.owns[pixel][0] as usize..work.owns[pixel][1] as usize];
+            let first = packer.row.words.len() as u32;
+            let of = |own: &Own| numbers[own.slot] | if own.covers { packed::COVERS } else { 0 };
+            packer.row.words.extend(own.iter().map(of));
+            let [x, y] = work.view.pixel(pixel).middle;
+            let at = work.view.image_point([x, y]);
+            let middle = packer.centre();
+            let centre = [at.x - middle[0], at.y - middle[1]].map(|v| v as f32);
+            let (own_count, number) = (own.len() as u32, pixel as u32);
+            add(pixel, packed::Pixel { centre, own: first, own_count, number, ..Default::default() });
+        }
+        true
     }
 
     /// Number of the moment `unit` of [`UNITS`] of the block.

@@ -306,6 +306,15 @@ where
     [a, a * -3.0 + b * 4.0 + c * -1.0, a * 2.0 + b * -4.0 + c * 2.0]
 }
 
+/// Homogeneous image points as quadratics of time, `[power][x z, y z, z][corner]`, about `centre`: rows by power and axis.
+pub fn rows_about(points: &[[[f64; CORNERS]; 3]; 3], centre: [f64; 2]) -> [[f32; CORNERS]; 9] {
+    std::array::from_fn(|row| {
+        let (power, axis) = (row / 3, row % 3);
+        let offset = centre.get(axis).copied().unwrap_or(0.0);
+        std::array::from_fn(|k| (points[power][axis][k] - offset * points[power][2][k]) as f32)
+    })
+}
+
 /// Bernstein coefficients of the same quadratic.
 fn bernstein([a, b, c]: [DVec3; 3]) -> [DVec3; 3] {
     [a, b * 2.0 - (a + c) * 0.5, c]

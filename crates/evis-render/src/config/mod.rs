@@ -101,6 +101,23 @@ evis_core::words!(Antialias {
     Self::Edges => "edges", "visibility at every sample, shading at one in four";
 });
 
+/// Where decoupled sampling evaluates pixels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Compute {
+    /// On the processor's cores, in 64 bits.
+    #[default]
+    Cpu,
+    /// By compute passes on the device, in 32 bits: pixels of sensors that are thresholds only. Tiles with materials that have more maps than
+    /// one of base colour, with a visible environment or behind a distorted lens stay on the processor.
+    Gpu,
+}
+
+evis_core::words!(Compute {
+    Self::Cpu => "cpu", "on the processor's cores";
+    Self::Gpu => "gpu", "by compute passes on the device";
+});
+
 /// How log light runs between two samples of a tile, in adaptive time.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
@@ -230,6 +247,9 @@ pub struct RunConfig {
     /// Places at which a sample reads a texture that light is proportional to, at most, along each side of its share of the
     /// pixel, 1 to 16; beyond them mip levels average, and blur. `None` takes 2 up to 8 samples, 3 up to 15, then 4.
     pub texture_taps: Option<u32>,
+    /// Where decoupled sampling evaluates pixels; other methods render on the device.
+    #[serde(skip)]
+    pub compute: Compute,
     /// How shadows are found; `None` leaves it to a quality preset, and is by maps without one.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub shadows: Option<Shadows>,
@@ -287,6 +307,7 @@ impl Default for RunConfig {
             samples: 4,
             antialias: Antialias::Samples,
             texture_taps: None,
+            compute: Compute::default(),
             shadows: None,
             shadow_map: None,
             cameras: Vec::new(),
@@ -477,6 +498,12 @@ impl RunConfig {
             }
         }
         self.rendered_tiles.map_or(Ok(()), |tiles| tiles.check(&self.method))?;
+        let ideal = self.sensor.is_ideal() && self.sensors.values().all(SensorConfig::is_ideal);
+        if self.compute == Compute::Gpu && self.method == Method::Decoupled && !ideal {
+            let remedy =
+                "cpu: the passes on the device know sensors of two thresholds, and this one has more stages";
+            return Err(ConfigError::new("compute", "gpu", remedy));
+        }
         if self.between == Interpolation::Curve && self.adaptive_px.is_none() {
             return Err(ConfigError::new("between", "curve", "line, without adaptive time (`adaptive_px`)"));
         }

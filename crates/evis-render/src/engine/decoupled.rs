@@ -8,10 +8,11 @@ use std::time::Instant;
 use evis_core::event::take_causes;
 use evis_core::random::Key;
 use evis_core::{CameraInfo, ConfigError, Event, LabelKind, SensorConfig, TimeGrid};
-use evis_decoupled::{Cost, Report, Stream, StreamSettings};
+use evis_decoupled::{Cost, Devices, Report, Stream, StreamSettings};
 use evis_scene::{PixelLens, Scene};
 
-use crate::config::{Interpolation, Method, RunConfig};
+use crate::config::{Compute, Interpolation, Method, RunConfig};
+use crate::engine::follower::Followers;
 use crate::engine::{Arrived, Engine, milliseconds};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -71,6 +72,11 @@ impl Decoupled {
         };
         let followed: Vec<Vec<bool>> =
             rendered.iter().map(|tiles| tiles.iter().map(|tile| !tile).collect()).collect();
+        let devices: Option<Arc<dyn Devices>> = match (config.compute, gpu) {
+            (Compute::Cpu, _) => None,
+            (Compute::Gpu, Some(gpu)) => Some(Arc::new(Followers::new(gpu)?)),
+            (Compute::Gpu, None) => return Err(EngineError::NoDevice),
+        };
         let settings = StreamSettings {
             size: config.size,
             start_us: config.start_us,
@@ -79,6 +85,7 @@ impl Decoupled {
             rate_hz: config.rate_hz,
             pose_step_us: config.pose_step_us.unwrap_or(StreamSettings::default().pose_step_us),
             only: own_tiles(&views, &followed),
+            devices,
         };
         let of = |view: &View| {
             let camera = scene.camera(&cameras[view.camera].name)?;

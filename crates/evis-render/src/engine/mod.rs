@@ -4,6 +4,7 @@ pub mod bench;
 mod build;
 mod collect;
 mod decoupled;
+pub mod follower;
 mod recover;
 mod reset;
 pub mod simulator;

@@ -17,13 +17,18 @@ impl GrowingBuffer {
         Self { buffer: create(device, label, usage, 256), label, usage }
     }
 
+    /// Has room for `bytes`; true where the buffer is a new one, with nothing in it, and groups that bind it are stale.
+    pub fn reserve(&mut self, device: &wgpu::Device, bytes: u64) -> bool {
+        let grows = self.buffer.size() < bytes;
+        if grows {
+            self.buffer = create(device, self.label, self.usage, bytes.next_power_of_two());
+        }
+        grows
+    }
+
     /// Writes `bytes` at 0; true where the buffer is a new one, and groups that bind it are stale.
     pub fn write(&mut self, device: &wgpu::Device, queue: &wgpu::Queue, bytes: &[u8]) -> bool {
-        let grown = self.buffer.size() < bytes.len() as u64;
-        if grown {
-            let size = (bytes.len() as u64).next_power_of_two();
-            self.buffer = create(device, self.label, self.usage, size);
-        }
+        let grown = self.reserve(device, bytes.len() as u64);
         if !bytes.is_empty() {
             queue.write_buffer(&self.buffer, 0, bytes);
         }

@@ -79,6 +79,13 @@ shaders![
     "chain/places.wgsl",
     "chain/emit.wgsl",
     "chain/dense.wgsl",
+    "decoupled/layout.wgsl",
+    "decoupled/regions.wgsl",
+    "decoupled/fragments.wgsl",
+    "decoupled/texture.wgsl",
+    "decoupled/shadows.wgsl",
+    "decoupled/light.wgsl",
+    "decoupled/pixels.wgsl",
 ];
 
 /// The text of one file.

@@ -316,6 +316,20 @@ pub struct ScanParams {
     pub event_capacity: u32,
 }
 
+/// `Turn` in `decoupled/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Turn {
+    /// Number of the round.
+    pub round: u32,
+    /// 1: the first of a block.
+    pub first: u32,
+    /// Zero.
+    pub pad_0: u32,
+    /// Zero.
+    pub pad_1: u32,
+}
+
 /// `KeyParams` in `splat/prepare.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]

@@ -1,6 +1,7 @@
 //! Bindings and pipelines of every pass. A pass with arithmetic of its own has a CPU twin of the same name and a test.
 
 pub mod adaptive;
+pub mod decoupled;
 pub mod labels;
 pub mod raster;
 pub mod resample;

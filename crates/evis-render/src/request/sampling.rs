@@ -3,7 +3,7 @@
 use evis_core::{ConfigError, SensorConfig, Word};
 use evis_scene::Scene;
 
-use crate::config::{Antialias, Interpolation, Method, Quality, RunConfig, Shadows};
+use crate::config::{Antialias, Compute, Interpolation, Method, Quality, RunConfig, Shadows};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::request::quality::SamplingSettings;
@@ -32,6 +32,8 @@ pub struct SamplingRequest {
     pub texture_taps: Option<u32>,
     /// [`RunConfig::shadows`].
     pub shadows: Option<Shadows>,
+    /// [`RunConfig::compute`].
+    pub compute: Option<Compute>,
 }
 
 const NO_INSTANTS: &str =
@@ -75,6 +77,10 @@ impl SamplingRequest {
             return Err(ConfigError::new("quality", quality.name(), remedy));
         }
         let decoupled = self.method == Some(Method::Decoupled);
+        if let (Some(Compute::Gpu), Some(method), false) = (self.compute, self.method, decoupled) {
+            let remedy = format!("left out: {} renders on the device", method.name());
+            return Err(ConfigError::new("compute", "gpu", remedy));
+        }
         if decoupled && let Some(quality) = self.quality {
             return Err(ConfigError::new(
                 "quality",
@@ -117,6 +123,7 @@ impl SamplingRequest {
         if self.shadows.is_some() {
             config.shadows = self.shadows;
         }
+        config.compute = self.compute.unwrap_or(config.compute);
         let mut notes = Vec::new();
         let takes_frames = |sensor: &SensorConfig| sensor.needs_frames().is_some();
         let framed = takes_frames(&config.sensor) || config.sensors.values().any(takes_frames);

@@ -15,7 +15,7 @@ use crate::gpu::uniforms;
 use crate::gpu::variant::{Interface, LightSet, SurfaceVariant, frame_prelude, prelude};
 use crate::pass::raster::SURROUNDINGS_BINDINGS;
 use crate::pass::shadow_map::RESTORE_BINDINGS;
-use crate::pass::{Access, Binding, adaptive, labels, resample, splat, trigger};
+use crate::pass::{Access, Binding, adaptive, decoupled, labels, resample, splat, trigger};
 
 fn every_feature() -> SurfaceVariant {
     SurfaceVariant {
@@ -77,6 +77,7 @@ pub(super) fn entries() -> Vec<(&'static str, Groups)> {
         ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/emit.wgsl", &[trigger::KEPT_BINDINGS]),
+        ("decoupled/pixels.wgsl", &[decoupled::PIXELS_BINDINGS]),
     ]
 }
 
@@ -319,6 +320,79 @@ fn host_and_shader_structs_have_one_layout() {
         }
     );
     same_layout!("raster/luminance.wgsl", "Share", crate::frame::pattern::Share { shift, size });
+    use evis_decoupled::packed;
+    same_layout!(
+        "decoupled/pixels.wgsl",
+        "Job",
+        packed::Job {
+            length_us,
+            start_us,
+            threshold_on,
+            threshold_off,
+            log_eps,
+            reference_luminance,
+            near,
+            far,
+            background,
+            lamps,
+            pixels,
+            flags,
+            capacity,
+            textures,
+            sums,
+            unit,
+            row,
+            pad_0,
+            pad_1,
+            pad_2,
+            own,
+        }
+    );
+    same_layout!("decoupled/pixels.wgsl", "Lamp", packed::Lamp { points, wave });
+    same_layout!(
+        "decoupled/pixels.wgsl",
+        "Entry",
+        packed::Entry {
+            points,
+            facet,
+            flags,
+            pad,
+            span,
+            cells,
+            first,
+            count,
+            patches,
+            intervals,
+            lit,
+            shades,
+            glow,
+        }
+    );
+    same_layout!(
+        "decoupled/pixels.wgsl",
+        "Pixel",
+        packed::Pixel {
+            centre,
+            own,
+            own_count,
+            number,
+            bases,
+            stride,
+            least,
+            last,
+            before_us,
+            before,
+            log,
+            above,
+            below,
+            flags,
+            evaluations,
+            failed,
+            pad,
+        }
+    );
+    same_layout!("decoupled/pixels.wgsl", "Event", packed::Event { pixel, word });
+    same_layout!("decoupled/pixels.wgsl", "Turn", uniforms::Turn { round, first, pad_0, pad_1 });
     same_layout!(
         "labels/geometry.wgsl",
         "LabelFrame",

@@ -22,6 +22,7 @@ use super::raster_scenes;
 use crate::config::dense::DenseKind;
 use crate::config::{Antialias, Interpolation, Method, RunConfig, Shadows};
 use crate::engine::Engine;
+use crate::engine::follower::Followers;
 use crate::gpu::Gpu;
 use crate::gpu::shader::compose;
 use crate::gpu::variant::LightSet;
@@ -256,6 +257,7 @@ fn build_engines(gpu: &Gpu) {
     for shadows in [Shadows::Maps, Shadows::Rays] {
         build_engine(gpu, &lit, RunConfig { shadows: Some(shadows), ..configs()[1].clone() });
     }
+    Followers::new(gpu).unwrap();
 }
 
 /// Every pipeline that the product can build.

@@ -2,6 +2,7 @@
 
 mod audit;
 mod chain;
+mod decoupled;
 mod pushed;
 mod raster;
 mod resample;

@@ -10,7 +10,7 @@ use evis_core::{Cause, Event, LabelKind, SensorConfig};
 use evis_scene::{Light, Scene, Variant};
 use evis_truth::{PixelChoice, TruthSettings};
 
-use crate::config::{Method, Quality, RunConfig};
+use crate::config::{Compute, Method, Quality, RunConfig};
 use crate::engine::simulator::Simulator;
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -48,17 +48,45 @@ fn sensors() -> [SensorConfig; 3] {
 #[test]
 fn packets_streams_and_neighbours_change_no_byte() {
     for sensor in sensors() {
-        no_byte_changes(RunConfig { sensor, ..config() });
+        no_byte_changes(None, RunConfig { sensor, ..config() });
     }
 }
 
-fn no_byte_changes(config: RunConfig) {
+#[test]
+fn passes_on_the_device_change_no_byte_by_packets_and_neighbours() {
+    let Some(gpu) = crate::tests::device() else { return };
+    no_byte_changes(Some(&gpu), RunConfig { compute: Compute::Gpu, ..config() });
+}
+
+#[test]
+fn passes_on_the_device_are_for_decoupled_sampling_of_two_thresholds() {
+    let passes = RunConfig { compute: Compute::Gpu, ..config() };
+    let error = Simulator::new(None, scene("spinner"), passes.clone()).err().unwrap();
+    assert!(matches!(error, EngineError::NoDevice), "{error}");
+    let noisy = SensorConfig::preset("dvxplorer-like").unwrap();
+    for (sensor, sensors) in [
+        (noisy.clone(), Default::default()),
+        (SensorConfig::default(), [("camera".to_owned(), noisy.clone())].into()),
+    ] {
+        let error = RunConfig { sensor, sensors, ..passes.clone() }.check().unwrap_err().to_string();
+        assert!(error.contains("compute is gpu") && error.contains("cpu: "), "{error}");
+    }
+    let request = SamplingRequest {
+        compute: Some(Compute::Gpu),
+        method: Some(Method::Native),
+        ..SamplingRequest::default()
+    };
+    let error = request.check().unwrap_err().to_string();
+    assert!(error.contains("compute is gpu") && error.contains("native renders on the device"), "{error}");
+}
+
+fn no_byte_changes(gpu: Option<&Gpu>, config: RunConfig) {
     let config = || config.clone();
     let mut scene = (*scene("spinner")).clone();
     let clock = |time_offset_s| Variant { time_offset_s, ..Variant::default() };
     scene.variants = vec![clock(0.0), clock(0.3)];
     let scene = Arc::new(scene);
-    let new = || Simulator::new(None, scene.clone(), config()).unwrap();
+    let new = || Simulator::new(gpu, scene.clone(), config()).unwrap();
     let whole = by_view([new().step(100_000).unwrap()]);
     assert!(whole.len() == 2 && whole[0] != whole[1] && whole.iter().all(|events| events.len() > 50));
     let mut stepped = new();
@@ -74,7 +102,7 @@ fn no_byte_changes(config: RunConfig) {
     let mut alone = (*scene).clone();
     alone.variants.clear();
     let reference_luminance = new().config().reference_luminance;
-    let alone = Simulator::new(None, Arc::new(alone), RunConfig { reference_luminance, ..config() });
+    let alone = Simulator::new(gpu, Arc::new(alone), RunConfig { reference_luminance, ..config() });
     assert_eq!(by_view([alone.unwrap().step(100_000).unwrap()]), whole[..1]);
 }
 

@@ -1,0 +1,191 @@
+//! Light as a device is given it.
+
+use std::collections::HashMap;
+
+use evis_scene::ShadingModel;
+use evis_scene::motion::{WaveShape, Waveform};
+
+use super::{Lighting, TileLight};
+use crate::hash::Words;
+use crate::packed::{self, Lamp, MOST_OWN, Wave, as_floats, steady};
+use crate::visibility::lists::{Record, rows_about};
+
+/// A row of tiles in work.
+#[derive(Default)]
+pub struct RowPacker {
+    /// What there is of it.
+    pub row: packed::Row,
+    /// The picture's centre.
+    centre: [f64; 2],
+    /// Seconds of the scene at the start of the block, and during it.
+    times_s: [f64; 2],
+    /// By record, and by facet that throws shadows: its first row of points.
+    records: HashMap<u32, u32, Words>,
+    casters: HashMap<u32, u32, Words>,
+}
+
+impl RowPacker {
+    /// Begins a row: the picture's centre, and seconds of the scene at the start of the block and during it.
+    pub fn begin(&mut self, centre: [f64; 2], times_s: [f64; 2]) {
+        (self.centre, self.times_s) = (centre, times_s);
+        let packed::Row { entries, words, points, nodes, pixels } = &mut self.row;
+        entries.clear();
+        words.clear();
+        points.clear();
+        nodes.clear();
+        pixels.clear();
+        self.records.clear();
+        self.casters.clear();
+    }
+
+    /// The picture's centre.
+    pub fn centre(&self) -> [f64; 2] {
+        self.centre
+    }
+
+    /// Where the points of record `index` are.
+    fn points_of(&mut self, record: &Record, index: u32) -> u32 {
+        let points = &mut self.row.points;
+        *self.records.entry(index).or_insert_with(|| append(points, rows_about(&record.points, self.centre)))
+    }
+}
+
+/// Appends `rows`; the number of the first.
+fn append(points: &mut Vec<[f32; 4]>, rows: [[f32; 4]; 9]) -> u32 {
+    points.extend(rows);
+    (points.len() - rows.len()) as u32
+}
+
+/// A waveform times `scale`, where the scene is at `start_s` and `length_s` long: between two edges what is no sine stays.
+fn wave(waveform: Option<Waveform>, scale: f64, [start_s, length_s]: [f64; 2]) -> Wave {
+    match waveform {
+        None => steady(scale as f32),
+        Some(w) if w.shape == WaveShape::Sine => {
+            let cycle = (w.frequency_hz * start_s + w.phase).rem_euclid(1.0);
+            [0.5 * (w.low + w.high) * scale, 0.5 * (w.high - w.low) * scale, cycle, w.frequency_hz * length_s]
+                .map(|v| v as f32)
+        }
+        Some(w) => steady((w.factor(start_s + 0.5 * length_s) * scale) as f32),
+    }
+}
+
+/// Low and high word.
+fn halves(mask: u64) -> [u32; 2] {
+    [mask as u32, (mask >> 32) as u32]
+}
+
+impl Lighting<'_> {
+    /// Whether a device can light `facet`: it knows no maps but of base colour.
+    pub fn is_packable(&self, facet: u32) -> bool {
+        self.answers[self.world.facets[facet as usize].surface as usize].maps.is_none()
+    }
+
+    /// Of what [`Lighting::pack_scene`] returns: another one where that is something else.
+    pub fn version(&self) -> u64 {
+        self.version
+    }
+
+    /// What stays from block to block.
+    pub fn pack_scene(&self) -> packed::Scene {
+        let mut scene = packed::Scene::default();
+        let mut used = vec![false; self.world.scene.textures.len()];
+        for look in &self.looks {
+            let texture = look.texture.map_or(0, |number| number as u32 + 1);
+            if let Some(used) = look.texture.and_then(|number| used.get_mut(number)) {
+                *used = true;
+            }
+            let row = |v: glam::DVec3, w: f32| [v.x as f32, v.y as f32, v.z as f32, w];
+            let [along_s, along_t] = if look.shaded { look.base_along } else { Default::default() };
+            let [origin_s, origin_t] = look.origin.map(|v| v as f32);
+            scene.rows.extend([
+                row(look.base, f32::from_bits(texture)),
+                row(along_s, origin_s),
+                row(along_t, origin_t),
+                std::array::from_fn(|k| look.along.as_flattened()[k] as f32),
+            ]);
+        }
+        self.shared.textures.pack(&used, &mut scene);
+        scene
+    }
+
+    /// Lamps whose light is kept apart, during the block that is `times_s` of the scene, and how many there are.
+    pub fn pack_lamps(&self, centre: [f64; 2], times_s: [f64; 2]) -> ([Lamp; MOST_OWN], u32) {
+        let mut lamps = [Lamp::default(); MOST_OWN];
+        for ((packed, on_screen), &own) in lamps.iter_mut().zip(&self.screen_lamps).zip(&self.own) {
+            packed.points = on_screen.rows_about(centre);
+            packed.wave = wave(self.lamps[0][own].waveform, 1.0, times_s);
+        }
+        (lamps, self.own.len() as u32)
+    }
+
+    /// Luminance of what lies behind everything, where that is the same everywhere and always.
+    pub fn plain_background(&self) -> Option<f64> {
+        self.sky.is_none().then_some(self.background)
+    }
+
+    /// Appends entry `slot` of a tile, which is `record`, number `index` of the block, once its shadows are known; its number in
+    /// the row.
+    pub fn pack_entry(
+        &self,
+        tile: &TileLight,
+        slot: usize,
+        (record, index): (&Record, u32),
+        packer: &mut RowPacker,
+    ) -> u32 {
+        let surface = self.world.facets[record.facet as usize].surface as usize;
+        let answer = &self.answers[surface];
+        let light = &tile.slots[slot];
+        let mut entry = packed::Entry {
+            points: packer.points_of(record, index),
+            facet: record.facet,
+            span: record.u.map(|u| u as f32),
+            cells: light.cells.map(|v| v as f32),
+            first: light.first.map(|v| v as f32),
+            count: light.count.map(|v| v as u32),
+            intervals: light.intervals,
+            lit: light.lit.into(),
+            ..packed::Entry::default()
+        };
+        for (holds, flag) in [
+            (record.double_sided, packed::DOUBLE_SIDED),
+            (record.mirrored, packed::MIRRORED),
+            (record.crosses_near, packed::CROSSES_NEAR),
+            (record.crosses_far, packed::CROSSES_FAR),
+            (answer.model == ShadingModel::Unlit, packed::UNLIT),
+        ] {
+            entry.flags |= if holds { flag } else { 0 };
+        }
+        let emitted = if answer.model == ShadingModel::Unlit { 1.0 } else { answer.glow };
+        entry.glow = wave(answer.waveform, emitted, packer.times_s);
+        let row = &mut packer.row;
+        entry.patches = row.words.len() as u32;
+        let moments = if light.unlit { 0 } else { light.intervals as usize + 1 };
+        for patch in &tile.patches[light.at..][..moments * light.count[0] * light.count[1]] {
+            row.words.push(row.nodes.len() as u32);
+            row.nodes.push(as_floats([patch.intervals, 0, 0, 0]));
+            row.nodes.extend_from_slice(&patch.nodes);
+        }
+        entry.shades = row.words.len() as u32;
+        let mut lists = entry.shades as usize + packed::SHADE_WORDS * self.own.len();
+        row.words.resize(lists, 0);
+        for (number, shade) in light.shades.iter().take(self.own.len()).enumerate() {
+            let from = lists as u32;
+            for (touches, facet) in &tile.occluders[shade.from..shade.to] {
+                let points = &mut row.points;
+                let at = *packer
+                    .casters
+                    .entry(*facet)
+                    .or_insert_with(|| append(points, self.occluder(*facet).rows_about(packer.centre)));
+                row.words.extend(halves(*touches));
+                row.words.push(at);
+            }
+            lists = row.words.len();
+            let [dark, touched] = [shade.dark, shade.touched].map(halves);
+            let words = [dark[0], dark[1], touched[0], touched[1], from, lists as u32];
+            row.words[entry.shades as usize + packed::SHADE_WORDS * number..][..words.len()]
+                .copy_from_slice(&words);
+        }
+        row.entries.push(entry);
+        row.entries.len() as u32 - 1
+    }
+}

@@ -1,0 +1,133 @@
+//! Pixels of decoupled sampling followed by compute passes and by the processor: how alike, and at what cost.
+//!
+//! `cargo run --release -p evis-render --example follow -- SCENE WIDTHxHEIGHT SECONDS [DEVICE]`
+//!
+//! The first run on a device includes the compilation of its pass by the driver, which keeps it on disk: run it twice.
+
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+
+use evis_core::Event;
+use evis_decoupled::packed::{self, Block};
+use evis_decoupled::{Device, Devices, Error, Settings, simulate};
+use evis_render::{Followers, Gpu};
+
+/// What blocks took on a device.
+#[derive(Debug, Default)]
+struct Taken {
+    wall: Duration,
+    blocks: u64,
+    pixels: u64,
+    bytes: u64,
+}
+
+/// Devices that are timed.
+#[derive(Debug)]
+struct Timed(Followers, Arc<Mutex<Taken>>);
+
+struct TimedDevice(Box<dyn Device>, Arc<Mutex<Taken>>);
+
+impl Devices for Timed {
+    fn open(&self) -> Result<Box<dyn Device>, Error> {
+        Ok(Box::new(TimedDevice(self.0.open()?, Arc::clone(&self.1))))
+    }
+}
+
+impl Device for TimedDevice {
+    fn load(&mut self, scene: &packed::Scene) -> Result<(), Error> {
+        self.0.load(scene)
+    }
+
+    fn follow(&mut self, block: &mut Block) -> Result<Vec<packed::Event>, Error> {
+        let started = Instant::now();
+        let events = self.0.follow(block)?;
+        let mut taken = self.1.lock().map_err(|_| Error::Device("a panic".into()))?;
+        taken.wall += started.elapsed();
+        taken.blocks += 1;
+        taken.pixels += block.pixels.len() as u64;
+        let sizes = [
+            size_of_val(&block.entries[..]),
+            size_of_val(&block.words[..]),
+            size_of_val(&block.points[..]),
+            size_of_val(&block.nodes[..]),
+            2 * size_of_val(&block.pixels[..]),
+            size_of_val(&events[..]),
+        ];
+        taken.bytes += sizes.into_iter().sum::<usize>() as u64;
+        Ok(events)
+    }
+}
+
+/// Times and polarities of each pixel.
+fn by_pixel(events: &[Event]) -> HashMap<(u16, u16), Vec<(i64, bool)>> {
+    let mut out: HashMap<_, Vec<_>> = HashMap::new();
+    for e in events {
+        out.entry((e.x, e.y)).or_default().push((e.t, e.p > 0));
+    }
+    out
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut args = std::env::args().skip(1);
+    let usage = "usage: follow SCENE WIDTHxHEIGHT SECONDS [DEVICE]";
+    let name = args.next().ok_or(usage)?;
+    let size = args.next().ok_or(usage)?;
+    let (w, h) = size.split_once('x').ok_or(usage)?;
+    let size = Some((w.parse()?, h.parse()?));
+    let duration_us = (args.next().ok_or(usage)?.parse::<f64>()? * 1e6).round() as i64;
+    let gpu = Gpu::open(args.next().as_deref())?;
+    let scene = evis_scene::source::load(&name, 0)?;
+    let usual = Settings { size, duration_us, ..Settings::default() };
+    let taken = Arc::new(Mutex::new(Taken::default()));
+    let devices = Some(Arc::new(Timed(Followers::new(&gpu)?, Arc::clone(&taken))) as Arc<dyn Devices>);
+    let run = |settings: &Settings| {
+        let started = Instant::now();
+        simulate(&scene, settings).map(|out| (out, started.elapsed().as_secs_f64()))
+    };
+    let (own, own_s) = run(&usual)?;
+    let (other, other_s) = run(&Settings { devices, ..usual })?;
+    let (r, q) = (own.report, other.report);
+    let taken = taken.lock().map_err(|_| "a panic")?;
+    println!("{name} {w}x{h} on the processor: {} events, {own_s:.2} s", own.events.len());
+    println!("on {}: {} events, {other_s:.2} s", gpu.summary().name, other.events.len());
+    let threads = std::thread::available_parallelism()?.get() as f64;
+    let each = |seconds: f64, evaluations: u64| 1e6 * seconds / evaluations.max(1) as f64;
+    println!(
+        "an evaluation takes {:.3} core-us on the processor ({} of them), {:.3} wall us on the device ({})",
+        each(r.pixels_s, r.evaluations),
+        r.evaluations,
+        each(taken.wall.as_secs_f64(), q.on_device),
+        q.on_device
+    );
+    println!(
+        "in {} blocks on the device {:.2} s of {other_s:.2} s ({threads} threads beside it), {:.0} pixels and {:.2} MB per block; {} \
+         pixels times blocks were left to the processor",
+        taken.blocks,
+        taken.wall.as_secs_f64(),
+        taken.pixels as f64 / taken.blocks.max(1) as f64,
+        taken.bytes as f64 / taken.blocks.max(1) as f64 * 1e-6,
+        q.refollowed
+    );
+    let (a, b) = (by_pixel(&own.events), by_pixel(&other.events));
+    let (mut same, mut off) = (0, Vec::new());
+    for (place, times) in &a {
+        let Some(others) = b.get(place).filter(|o| o.iter().map(|e| e.1).eq(times.iter().map(|e| e.1)))
+        else {
+            continue;
+        };
+        same += 1;
+        off.extend(times.iter().zip(others).map(|(a, b)| (a.0 - b.0).abs()));
+    }
+    off.sort_unstable();
+    let at = |part: f64| off.get((part * off.len() as f64) as usize).copied().unwrap_or_default();
+    println!(
+        "{same} of {} pixels fire the same polarities; half of their {} events are within {} us, 90 % within {}, 99 % within {}",
+        a.len(),
+        off.len(),
+        at(0.5),
+        at(0.9),
+        at(0.99)
+    );
+    Ok(())
+}

@@ -1,0 +1,209 @@
+// What the host packs of a block (`packed` of evis-decoupled). Indices of a row of tiles count from the bases that
+// its pixels name.
+
+struct Lamp {
+    // Homogeneous image point about the picture's centre as a quadratic of the block's time; w: 1 for a place, 0 for a direction.
+    points: array<vec4<f32>, 3>,
+    wave: vec4<f32>,
+};
+
+struct Job {
+    length_us: f32,
+    // What the block begins at beyond a whole microsecond.
+    start_us: f32,
+    threshold_on: f32,
+    threshold_off: f32,
+    log_eps: f32,
+    reference_luminance: f32,
+    // 1 / depth of the planes between which something is seen.
+    near: f32,
+    far: f32,
+    background: f32,
+    lamps: u32,
+    pixels: u32,
+    flags: u32,
+    // Events that fit.
+    capacity: u32,
+    // Rows of `fixed` at which texture number 0 begins, and sums of texels.
+    textures: u32,
+    sums: u32,
+    // Where light is found if that is all that is wanted.
+    unit: u32,
+    // Workgroups per row of the dispatch.
+    row: u32,
+    pad_0: u32,
+    pad_1: u32,
+    pad_2: u32,
+    own: array<Lamp, MOST_OWN>,
+};
+
+// A facet in a tile.
+struct Entry {
+    // First of nine rows of `points`: by power and axis, of four corners.
+    points: u32,
+    facet: u32,
+    flags: u32,
+    pad: u32,
+    // Part of the block in which it holds.
+    span: vec2<f32>,
+    // Cells of its grid along s and t.
+    cells: vec2<f32>,
+    // First cell that is kept, and how many.
+    first: vec2<f32>,
+    count: vec2<u32>,
+    // First word of where the nodes of its patches begin.
+    patches: u32,
+    intervals: u32,
+    // Bits of lamps of which some arrives.
+    lit: u32,
+    // First of six words per lamp.
+    shades: u32,
+    // Emitted luminance over time.
+    glow: vec4<f32>,
+};
+
+struct Pixel {
+    // From the picture's centre.
+    centre: vec2<f32>,
+    // First word of its entries, and how many.
+    own: u32,
+    own_count: u32,
+    // Number in its tile.
+    number: u32,
+    // Four words: where its row's entries, words, points and nodes begin.
+    bases: u32,
+    // Units between evaluations, and the least to which intervals are halved.
+    stride: u32,
+    least: u32,
+    // Light at the start, and at a time before that.
+    last: f32,
+    before_us: f32,
+    before: f32,
+    // Of the reference: logarithm, and the luminances at which it fires next.
+    log: f32,
+    above: f32,
+    below: f32,
+    flags: u32,
+    evaluations: u32,
+    // Something did not fit: what became of it counts for nothing.
+    failed: u32,
+    pad: u32,
+};
+
+const ROUNDS: u32 = 64u;
+
+struct Turn {
+    // In which each pixel is evaluated once at most.
+    round: u32,
+    // 1: of the first round of a block.
+    first: u32,
+    pad_0: u32,
+    pad_1: u32,
+};
+
+struct Event {
+    pixel: u32,
+    // Whole microseconds of the block, times two, and 1 of ON.
+    word: u32,
+};
+
+struct Events {
+    used: atomic<u32>,
+    // Pixels to evaluate, by round.
+    going_on: array<atomic<u32>, 65>,
+    fired: array<Event>,
+};
+
+// Job.
+const JUMPS: u32 = 1u;
+const PARALLEL: u32 = 2u;
+const LIGHT_ALONE: u32 = 4u;
+// Entry.
+const DOUBLE_SIDED: u32 = 1u;
+const MIRRORED: u32 = 2u;
+const CROSSES_NEAR: u32 = 4u;
+const CROSSES_FAR: u32 = 8u;
+const UNLIT: u32 = 16u;
+// Pixel.
+const HAS_BEFORE: u32 = 1u;
+const RESTED: u32 = 2u;
+const BEGINS: u32 = 4u;
+// An entry of a pixel that it fills throughout.
+const COVERS: u32 = 0x80000000u;
+
+const MOST_OWN: u32 = 8u;
+const UNITS: u32 = 3072u;
+const TAU: f32 = 6.283185307179586;
+
+@group(0) @binding(0) var<uniform> job: Job;
+@group(0) @binding(1) var<storage, read> entries: array<Entry>;
+@group(0) @binding(2) var<storage, read> words: array<u32>;
+@group(0) @binding(3) var<storage, read> points: array<vec4<f32>>;
+@group(0) @binding(4) var<storage, read> nodes: array<vec4<f32>>;
+// Appearances of facets, textures, and sums of texels.
+@group(0) @binding(5) var<storage, read> fixed: array<vec4<f32>>;
+@group(0) @binding(6) var<storage, read_write> pixels: array<Pixel>;
+@group(0) @binding(7) var<storage, read_write> events: Events;
+// Pixels to evaluate in even rounds and in odd ones, then where each of them is.
+@group(0) @binding(8) var<storage, read_write> scratch: array<u32>;
+@group(0) @binding(9) var<uniform> turn: Turn;
+
+struct Bases {
+    entries: u32,
+    words: u32,
+    points: u32,
+    nodes: u32,
+};
+
+// The pixel in work.
+var<private> base: Bases;
+var<private> centre: vec2<f32>;
+var<private> number: u32;
+var<private> failed: bool;
+// Iterations of inner loops so far. Software drivers end all loops of 8 pixels after 65535 of them, without a word.
+var<private> iterations: u32;
+const MOST_ITERATIONS: u32 = 8000u;
+
+fn count_iterations(count: u32) {
+    iterations += count;
+    failed = failed || iterations > MOST_ITERATIONS;
+}
+
+fn has_pixel(word: u32) -> bool {
+    return ((words[base.words + word + number / 32u] >> (number % 32u)) & 1u) == 1u;
+}
+
+// Middle, half of the range, and cycles at the start of the block and during it.
+fn wave_at(wave: vec4<f32>, u: f32) -> f32 {
+    return max(wave.x + wave.y * sin(TAU * fract(wave.z + wave.w * u)), 0.0);
+}
+
+fn line_at(line: vec3<f32>, p: vec2<f32>) -> f32 {
+    return line.x * p.x + line.y * p.y + line.z;
+}
+
+// Greatest distance of its values in the pixel from that at the centre.
+fn reach(line: vec3<f32>) -> f32 {
+    return 0.5 * (abs(line.x) + abs(line.y));
+}
+
+// Four corners about the pixel's centre, of nine rows that begin at `row`.
+fn corners_at(row: u32, v: f32) -> array<vec3<f32>, 4> {
+    let at = base.points + row;
+    let x = points[at] + v * (points[at + 3u] + v * points[at + 6u]);
+    let y = points[at + 1u] + v * (points[at + 4u] + v * points[at + 7u]);
+    let z = points[at + 2u] + v * (points[at + 5u] + v * points[at + 8u]);
+    let dx = x - centre.x * z;
+    let dy = y - centre.y * z;
+    return array<vec3<f32>, 4>(
+        vec3<f32>(dx.x, dy.x, z.x),
+        vec3<f32>(dx.y, dy.y, z.y),
+        vec3<f32>(dx.z, dy.z, z.z),
+        vec3<f32>(dx.w, dy.w, z.w),
+    );
+}
+
+// a x b; nothing where both are one corner, whatever products are rounded to.
+fn edge_of(a: vec3<f32>, b: vec3<f32>) -> vec3<f32> {
+    return select(cross(a, b), vec3<f32>(0.0), all(a == b));
+}

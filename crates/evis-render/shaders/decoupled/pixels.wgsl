@@ -1,0 +1,328 @@
+#import decoupled/light.wgsl
+// Follows pixels through a block: `PixelPath::walk` of evis-decoupled. In each round each pixel that is not at the end is
+// evaluated once, and goes on as far as that tells; those that go on are listed for the next round.
+
+// Events that a pixel fires in a round.
+const MOST_EVENTS: u32 = 48u;
+// Intervals that wait while earlier halves are followed.
+const MOST_WAITING: u32 = 12u;
+// Words of a pixel between rounds: where light is known up to, what light is wanted for and at which unit, how many intervals
+// wait, and the ends and light of those.
+const STATE_WORDS: u32 = 28u;
+// As in `signal/path.rs`.
+const TOLERANCE: f32 = 0.004;
+const ERROR_MARGIN: f32 = 4.0;
+const RANGE_MARGIN: f32 = 0.5;
+const INSTANT_US: f32 = 2.0;
+const JUMP_US: f32 = 1e-6;
+// Light that comes as near to a level as this part of it reaches it: what 32 bits leave of light that returns.
+const TIE: f32 = 2e-5;
+
+struct Point {
+    t_us: f32,
+    luminance: f32,
+};
+
+var<private> last: Point;
+var<private> before: Point;
+var<private> has_before: bool;
+var<private> reference_log: f32;
+var<private> above: f32;
+var<private> below: f32;
+var<private> fired: array<u32, MOST_EVENTS>;
+var<private> fired_count: u32;
+
+fn dark_floor() -> f32 {
+    return job.log_eps * job.reference_luminance;
+}
+
+fn level_at(log_level: f32) -> f32 {
+    return (exp(log_level) - job.log_eps) * job.reference_luminance;
+}
+
+fn refer_to(log_level: f32) {
+    reference_log = log_level;
+    above = level_at(log_level + job.threshold_on);
+    below = level_at(log_level - job.threshold_off);
+}
+
+fn tie(level: f32) -> f32 {
+    return TIE * (level + dark_floor());
+}
+
+fn time_of_unit(unit: u32) -> f32 {
+    return job.length_us * (f32(unit) / f32(UNITS));
+}
+
+fn fire(t_us: f32, on: bool) {
+    if (fired_count == MOST_EVENTS) {
+        failed = true;
+        return;
+    }
+    fired[fired_count] = (u32(max(floor(job.start_us + t_us), 0.0)) << 1u) | select(0u, 1u, on);
+    fired_count += 1u;
+}
+
+// The time in [from, to], a monotone part whose ends lie on either side of `level`, at which start + t (slope + t bend) is there.
+fn time_of_level(level: f32, start: f32, slope: f32, bend: f32, from_t: f32, to_t: f32) -> f32 {
+    let beneath = start - level;
+    let root = sqrt(max(slope * slope - 4.0 * bend * beneath, 0.0));
+    let q = -0.5 * (slope + select(-root, root, slope >= 0.0));
+    var one = from_t;
+    var off_one = 3.0e38;
+    if (q != 0.0) {
+        one = beneath / q;
+        off_one = abs(one - clamp(one, from_t, to_t));
+    }
+    if (bend != 0.0) {
+        let other = q / bend;
+        let off = abs(other - clamp(other, from_t, to_t));
+        if (off < off_one) {
+            one = other;
+        }
+    }
+    return clamp(one, from_t, to_t);
+}
+
+// Fires where light that goes from `start` to `end` crosses thresholds; `bend` is its second divided difference.
+fn cross_levels(start: Point, end: Point, bend: f32) {
+    let span = end.t_us - start.t_us;
+    let slope = (end.luminance - start.luminance) / span - bend * span;
+    var middle = span;
+    if (bend != 0.0) {
+        let vertex = -slope / (2.0 * bend);
+        if (vertex > 0.0 && vertex < span) {
+            middle = vertex;
+        }
+    }
+    var from_t = 0.0;
+    // Monotone parts: up to the vertex, and from it on.
+    for (var part = 0u; part < 2u; part++) {
+        let to_t = select(span, middle, part == 0u);
+        if (to_t <= from_t) {
+            continue;
+        }
+        var goal = end.luminance;
+        if (to_t != span) {
+            goal = start.luminance + to_t * (slope + bend * to_t);
+        }
+        var at = from_t;
+        while (!failed) {
+            let up = goal >= above - tie(above);
+            // Levels below zero are never reached but for rounding: a polynomial may be negative, light is not.
+            if (!up && !(goal <= below + tie(below) && below > -tie(0.0))) {
+                break;
+            }
+            at = time_of_level(select(below, above, up), start.luminance, slope, bend, at, to_t);
+            fire(start.t_us + at, up);
+            refer_to(reference_log + select(-job.threshold_off, job.threshold_on, up));
+        }
+        from_t = to_t;
+    }
+}
+
+// Second divided difference of three points.
+fn bend_of(a: Point, b: Point, c: Point) -> f32 {
+    let ab = (b.luminance - a.luminance) / (b.t_us - a.t_us);
+    let bc = (c.luminance - b.luminance) / (c.t_us - b.t_us);
+    return (bc - ab) / (c.t_us - a.t_us);
+}
+
+// Light to cross levels on: from `start` to `end`, with its second divided difference.
+struct Piece {
+    start: Point,
+    end: Point,
+    bend: f32,
+};
+
+var<private> pieces: array<Piece, 2>;
+var<private> piece_count: u32;
+
+// Makes pieces of light up to `end`; false where the interval must be halved.
+fn follow_interval(middle: Point, end: Point, may_halve: bool) -> bool {
+    let quadratic = bend_of(last, middle, end);
+    let h = 0.5 * (end.t_us - last.t_us);
+    var third = 0.0;
+    var error = 0.5 * h * h * abs(quadratic);
+    if (has_before) {
+        third = (quadratic - bend_of(before, last, middle)) / (end.t_us - before.t_us);
+        error = 0.385 * h * h * h * abs(third);
+    }
+    // Extremes of the quadratic.
+    var low = min(last.luminance, min(middle.luminance, end.luminance));
+    var high = max(last.luminance, max(middle.luminance, end.luminance));
+    let slope = (middle.luminance - last.luminance) / h - quadratic * h;
+    if (quadratic != 0.0) {
+        let vertex = -slope / (2.0 * quadratic);
+        if (vertex > 0.0 && vertex < 2.0 * h) {
+            let v = last.luminance + vertex * (slope + quadratic * vertex);
+            low = min(low, v);
+            high = max(high, v);
+        }
+    }
+    let scale = max(low, 0.0) + dark_floor();
+    let margin = ERROR_MARGIN * error + RANGE_MARGIN * (high - low);
+    let reached = high + margin >= above || low - margin <= below;
+    if (reached && error > TOLERANCE * scale && may_halve) {
+        return false;
+    }
+    // The cubic is the quadratic and third t (t - m) (t - l), which is bent by this in either half.
+    let m = middle.t_us - last.t_us;
+    let l = end.t_us - last.t_us;
+    pieces[0] = Piece(last, middle, quadratic - third * (l - 0.5 * m));
+    pieces[1] = Piece(middle, end, quadratic + third * 0.5 * (m + l));
+    piece_count = 2u;
+    return true;
+}
+
+fn straight_to(end: Point) {
+    pieces[0] = Piece(last, end, 0.0);
+    piece_count = 1u;
+}
+
+// What light is wanted for.
+const AT_START: u32 = 0u;
+const AT_GOAL: u32 = 1u;
+const AT_MIDDLE: u32 = 2u;
+const AT_CUT: u32 = 3u;
+// An interval of one unit has no middle.
+const AT_END: u32 = 4u;
+
+fn follow_pixel(index: u32, pixel: Pixel) {
+    let state = 2u * job.pixels + index * STATE_WORDS;
+    let alone = (job.flags & LIGHT_ALONE) != 0u;
+    let jumps = (job.flags & JUMPS) != 0u && !alone;
+    let is_cut = job.length_us <= INSTANT_US;
+    let step = 2u * pixel.stride;
+    let first_goal = select(AT_GOAL, AT_CUT, is_cut);
+    let first_unit = select(step, UNITS, is_cut);
+    var at = 0u;
+    var wanted = first_goal;
+    var unit = first_unit;
+    var count = 0u;
+    if (turn.first == 0u) {
+        at = scratch[state];
+        wanted = scratch[state + 1u];
+        unit = scratch[state + 2u];
+        count = scratch[state + 3u];
+    } else if (jumps || alone || (pixel.flags & (RESTED | BEGINS)) != 0u) {
+        wanted = AT_START;
+        unit = select(0u, job.unit, alone);
+    }
+    last = Point(time_of_unit(at), pixel.last);
+    before = Point(pixel.before_us, pixel.before);
+    has_before = (pixel.flags & HAS_BEFORE) != 0u;
+    reference_log = pixel.log;
+    above = pixel.above;
+    below = pixel.below;
+    fired_count = 0u;
+    piece_count = 0u;
+
+    let found = Point(time_of_unit(unit), light_at(pixel.own, pixel.own_count, f32(unit) / f32(UNITS)));
+    // Ends of intervals wait in pairs of words.
+    let top = state + 4u + 2u * (max(count, 1u) - 1u);
+    var goal = found;
+    var done = false;
+    if (wanted == AT_START) {
+        if ((pixel.flags & BEGINS) != 0u) {
+            refer_to(log(found.luminance / job.reference_luminance + job.log_eps));
+        } else if (jumps) {
+            straight_to(Point(JUMP_US, found.luminance));
+        }
+        has_before = false;
+        // Nothing else of a still pixel changes.
+        done = alone || (pixel.stride == 0u && !is_cut);
+    } else if (wanted == AT_CUT) {
+        straight_to(found);
+        has_before = false;
+        done = true;
+    } else if (wanted == AT_END) {
+        straight_to(found);
+        before = last;
+        has_before = true;
+        at = unit;
+        count -= 1u;
+    } else if (wanted == AT_GOAL) {
+        scratch[top] = unit;
+        scratch[top + 1u] = bitcast<u32>(found.luminance);
+        goal = last;
+        count = 1u;
+    } else {
+        let goal_unit = scratch[top];
+        goal = Point(time_of_unit(goal_unit), bitcast<f32>(scratch[top + 1u]));
+        if (follow_interval(found, goal, goal_unit - at > 2u * pixel.least)) {
+            before = found;
+            has_before = true;
+            at = goal_unit;
+            count -= 1u;
+        } else if (count == MOST_WAITING) {
+            failed = true;
+        } else {
+            scratch[top + 2u] = unit;
+            scratch[top + 3u] = bitcast<u32>(found.luminance);
+            goal = last;
+            count += 1u;
+        }
+    }
+    for (var k = 0u; k < piece_count; k++) {
+        cross_levels(pieces[k].start, pieces[k].end, pieces[k].bend);
+    }
+    last = goal;
+
+    if (wanted == AT_START) {
+        wanted = first_goal;
+        unit = first_unit;
+    } else if (count == 0u) {
+        done = done || at == UNITS;
+        wanted = AT_GOAL;
+        unit = at + step;
+    } else {
+        let goal_unit = scratch[state + 2u + 2u * count];
+        let half = (goal_unit - at) / 2u;
+        wanted = select(AT_MIDDLE, AT_END, half == 0u);
+        unit = select(at + half, goal_unit, half == 0u);
+    }
+    scratch[state] = at;
+    scratch[state + 1u] = wanted;
+    scratch[state + 2u] = unit;
+    scratch[state + 3u] = count;
+
+    if (fired_count > 0u && !failed) {
+        // Where its events begin depends on who comes first; those of one pixel are in order.
+        let first = atomicAdd(&events.used, fired_count);
+        failed = first + fired_count > job.capacity;
+        for (var k = 0u; k < fired_count && !failed; k++) {
+            events.fired[first + k] = Event(index, fired[k]);
+        }
+    }
+    pixels[index].last = last.luminance;
+    pixels[index].before_us = before.t_us;
+    pixels[index].before = before.luminance;
+    pixels[index].log = reference_log;
+    pixels[index].above = above;
+    pixels[index].below = below;
+    pixels[index].flags = select(0u, HAS_BEFORE, has_before);
+    pixels[index].evaluations = pixel.evaluations + 1u;
+    pixels[index].failed = select(0u, 1u, failed);
+    if (!done && !failed) {
+        let next = atomicAdd(&events.going_on[turn.round + 1u], 1u);
+        scratch[((turn.round + 1u) % 2u) * job.pixels + next] = index;
+    }
+}
+
+@compute @workgroup_size(64)
+fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
+    let slot = (group.y * job.row + group.x) * 64u + local;
+    if (slot >= atomicLoad(&events.going_on[turn.round])) {
+        return;
+    }
+    let index = scratch[(turn.round % 2u) * job.pixels + slot];
+    let pixel = pixels[index];
+    let at = pixel.bases;
+    base = Bases(words[at], words[at + 1u], words[at + 2u], words[at + 3u]);
+    centre = pixel.centre;
+    number = pixel.number;
+    failed = false;
+    iterations = 0u;
+    follow_pixel(index, pixel);
+}

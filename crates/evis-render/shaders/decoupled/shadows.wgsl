@@ -1,0 +1,116 @@
+#import decoupled/fragments.wgsl
+// What part of a lamp's light reaches a fragment.
+
+// What lies beyond a facet by less than this part of the lamp's distance from it is the facet itself, or touches it.
+const CONTACT: f32 = 2e-5;
+// Words of a lamp's shadows of an entry, and of a facet that throws one.
+const SHADE_WORDS: u32 = 6u;
+const CASTER_WORDS: u32 = 3u;
+
+struct Reached {
+    // Part of the area.
+    part: f32,
+    // Shadows leave some of it: where.
+    partly: bool,
+    moments: Moments,
+};
+
+fn on_plane(normal: vec3<f32>, through: f32, receiver: vec3<f32>) -> vec3<f32> {
+    return normal - through * receiver;
+}
+
+// Adds a half plane of a shadow to the `count` cutters; false where it keeps the shadow out of the pixel.
+fn bound_shadow(count: ptr<function, u32>, line: vec3<f32>) -> bool {
+    let far = reach(line);
+    if (line.z == 0.0 && far == 0.0) {
+        return true;
+    }
+    if (line.z < -far) {
+        return false;
+    }
+    if (line.z < far) {
+        cutters[*count] = line;
+        *count += 1u;
+    }
+    return true;
+}
+
+// Makes cutters of the shadow of the facet at `row` of `points`, on the plane with the 1 / depth `receiver`: how many of them,
+// or -1 where it does not reach the pixel.
+fn shadow_of(row: u32, lamp: u32, receiver: vec3<f32>, u: f32) -> i32 {
+    let corners = corners_at(row, u);
+    let powers = job.own[lamp].points;
+    let h = powers[0] + u * (powers[1] + u * powers[2]);
+    let place = vec3<f32>(h.xy - centre * h.z, h.z);
+    let normal = cross(corners[1] - corners[0], corners[3] - corners[0]);
+    let height = dot(normal, place) - h.w * dot(normal, corners[0]);
+    if (height == 0.0) {
+        return -1;
+    }
+    let side = -sign(height);
+    var count = 0u;
+    let through = dot(normal, corners[0]) * side + CONTACT * abs(height);
+    if (!bound_shadow(&count, on_plane(normal * side, through, receiver))) {
+        return -1;
+    }
+    var turn = 0.0;
+    for (var k = 0u; k < 4u; k++) {
+        let a = corners[k];
+        let b = corners[(k + 1u) % 4u];
+        if (all(a == b)) {
+            continue;
+        }
+        let wall = cross(a, b) * h.w + cross(place, a - b);
+        let wall_through = dot(wall, a);
+        if (turn == 0.0) {
+            turn = sign(dot(wall, corners[3]) - wall_through);
+        }
+        if (!bound_shadow(&count, on_plane(wall * turn, wall_through * turn, receiver))) {
+            return -1;
+        }
+    }
+    return i32(count);
+}
+
+// Strength of lamp `lamp` on fragment `k`, whose part of the pixel, of area `whole`, is in list `visible`.
+fn arriving(k: u32, lamp: u32, visible: u32, whole: f32, u: f32) -> Reached {
+    let entry = fragments[k].entry;
+    let strength = wave_at(job.own[lamp].wave, u);
+    var reached = Reached(strength, false, whole_pixel());
+    let shade = entries[entry].shades + SHADE_WORDS * lamp;
+    if (has_pixel(shade)) {
+        reached.part = 0.0;
+        return reached;
+    }
+    if (!has_pixel(shade + 2u)) {
+        return reached;
+    }
+    var list = visible;
+    let end = words[base.words + shade + 5u];
+    for (var caster = words[base.words + shade + 4u]; caster < end && !failed; caster += CASTER_WORDS) {
+        // Its four edges.
+        count_iterations(select(1u, 5u, has_pixel(caster)));
+        if (!has_pixel(caster)) {
+            continue;
+        }
+        let count = shadow_of(words[base.words + caster + 2u], lamp, fragments[k].inverse_depth, u);
+        if (count < 0) {
+            continue;
+        }
+        // The two lists beside the one that is kept.
+        let next = select((visible + 1u) % 3u, (visible + 2u) % 3u, list == (visible + 1u) % 3u);
+        subtract_from(list, next, u32(count));
+        list = next;
+        if (list_count[list] == 0u) {
+            reached.part = 0.0;
+            return reached;
+        }
+    }
+    if (list != visible) {
+        reached.moments = moments_of(list);
+        let part = clamp(reached.moments.area / max(whole, 1e-12), 0.0, 1.0);
+        reached.partly = part < 1.0;
+        reached.part *= part;
+    }
+    return reached;
+}

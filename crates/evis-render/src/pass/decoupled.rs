@@ -1,0 +1,32 @@
+//! `decoupled/*.wgsl`: pixels followed through a block. Twin: `PixelPath::walk` of `evis-decoupled` and what it calls.
+
+use crate::pass::{Access, Binding, ComputePass, bind};
+
+/// Pixels of a workgroup.
+pub const GROUP: u32 = 64;
+
+/// Rounds of a submission, an even number: the list of the next one is where the first one's is.
+pub const ROUNDS: u32 = 64;
+/// Words per pixel that stay on the device between rounds: two lists, and what is known of it.
+pub const SCRATCH_WORDS: u32 = 2 + 28;
+/// Words before the events: how many there are, and how many pixels go on in each round.
+pub const HEAD_WORDS: u32 = 2 + ROUNDS;
+
+/// `decoupled/pixels.wgsl`.
+pub const PIXELS_BINDINGS: &[Binding] = &[
+    bind(0, "job", Access::Uniform),
+    bind(1, "entries", Access::Read),
+    bind(2, "words", Access::Read),
+    bind(3, "points", Access::Read),
+    bind(4, "nodes", Access::Read),
+    bind(5, "fixed", Access::Read),
+    bind(6, "pixels", Access::Write),
+    bind(7, "events", Access::Write),
+    bind(8, "scratch", Access::Write),
+    bind(9, "turn", Access::DynamicUniform),
+];
+
+/// The pass.
+pub fn pixels(device: &wgpu::Device) -> ComputePass {
+    ComputePass::new(device, "decoupled/pixels.wgsl", PIXELS_BINDINGS, &[])
+}

@@ -1,0 +1,233 @@
+//! Pixels that a device follows do what `evis-decoupled` finds in 64 bits.
+
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use evis_core::Event;
+use evis_decoupled::packed::{self, Block, LIGHT_ALONE, Scene as Packed};
+use evis_decoupled::{Device, Devices, Error, Outcome, Settings, simulate};
+use evis_scene::Scene;
+
+use crate::engine::follower::Followers;
+use crate::gpu::Gpu;
+use crate::tests::random_scenes;
+
+/// Where light is compared: the middle of a block.
+const MIDDLE: u32 = evis_decoupled::signal::pixel::UNITS / 2;
+
+/// What a test does to a block before it is followed, and to what comes back.
+#[derive(Clone, Copy, Debug)]
+enum Tampering {
+    None,
+    /// Pixels lie elsewhere by a part of their side.
+    Shift(f32),
+    /// One pixel of so many did not fit.
+    Fail(u32),
+}
+
+/// A device that is tampered with; it keeps how far light in the middle of blocks is from the processor's, relative to that.
+struct Tampered {
+    device: Box<dyn Device>,
+    devices: Arc<Tampers>,
+    start_us: f64,
+}
+
+#[derive(Debug)]
+struct Tampers {
+    devices: Followers,
+    tampering: Tampering,
+    /// The scene, of which light is compared.
+    light: Option<(Scene, Settings)>,
+    off: std::sync::Mutex<Vec<f64>>,
+}
+
+/// Opens what is tampered with.
+#[derive(Debug)]
+struct Opens(Arc<Tampers>);
+
+impl Devices for Opens {
+    fn open(&self) -> Result<Box<dyn Device>, Error> {
+        let (device, devices) = (self.0.devices.open()?, Arc::clone(&self.0));
+        Ok(Box::new(Tampered { device, devices, start_us: 0.0 }))
+    }
+}
+
+impl Tampered {
+    fn compare(&mut self, block: &Block) -> Result<(), Error> {
+        let Some((scene, settings)) = &self.devices.light else { return Ok(()) };
+        let mut light = block.clone();
+        light.job.flags |= LIGHT_ALONE;
+        light.job.unit = MIDDLE;
+        self.device.follow(&mut light)?;
+        let length_us = f64::from(block.job.length_us);
+        let picture = evis_decoupled::luminance(scene, settings, self.start_us + 0.5 * length_us)?;
+        self.start_us += length_us;
+        let (width, height) = settings.size.unwrap();
+        let place = |pixel: &packed::Pixel| {
+            let [x, y] = [(pixel.centre[0], width), (pixel.centre[1], height)]
+                .map(|(v, size)| (v + 0.5 * size as f32) as usize);
+            y * width as usize + x
+        };
+        let dark = 1e-3 * f64::from(block.job.reference_luminance);
+        let off = light
+            .pixels
+            .iter()
+            .filter(|pixel| pixel.failed == 0)
+            .map(|pixel| ((f64::from(pixel.last) + dark) / (picture[place(pixel)] + dark)).ln().abs());
+        self.devices.off.lock().unwrap().extend(off);
+        Ok(())
+    }
+}
+
+impl Device for Tampered {
+    fn load(&mut self, scene: &Packed) -> Result<(), Error> {
+        self.device.load(scene)
+    }
+
+    fn follow(&mut self, block: &mut Block) -> Result<Vec<packed::Event>, Error> {
+        self.compare(block)?;
+        if let Tampering::Shift(part) = self.devices.tampering {
+            block.pixels.iter_mut().for_each(|pixel| pixel.centre[0] += part);
+        }
+        let events = self.device.follow(block)?;
+        if let Tampering::Fail(count) = self.devices.tampering {
+            block.pixels.iter_mut().step_by(count as usize).for_each(|pixel| pixel.failed = 1);
+        }
+        Ok(events)
+    }
+}
+
+fn settings(size: (u32, u32)) -> Settings {
+    Settings { size: Some(size), duration_us: 50_000, ..Settings::default() }
+}
+
+fn followed(gpu: &Gpu, scene: &Scene, settings: &Settings, tampering: Tampering) -> (Outcome, Vec<f64>) {
+    let light = matches!(tampering, Tampering::None).then(|| (scene.clone(), settings.clone()));
+    let tampers =
+        Tampers { devices: Followers::new(gpu).unwrap(), tampering, light, off: Default::default() };
+    let tampers = Arc::new(tampers);
+    let devices = Some(Arc::new(Opens(Arc::clone(&tampers))) as Arc<dyn Devices>);
+    let outcome = simulate(scene, &Settings { devices, ..settings.clone() }).unwrap();
+    let mut off = std::mem::take(&mut *tampers.off.lock().unwrap());
+    off.sort_by(f64::total_cmp);
+    (outcome, off)
+}
+
+/// Times and polarities of each pixel.
+fn by_pixel(events: &[Event]) -> BTreeMap<(u16, u16), Vec<(i64, i16)>> {
+    let mut out: BTreeMap<_, Vec<_>> = BTreeMap::new();
+    events.iter().for_each(|e| out.entry((e.x, e.y)).or_default().push((e.t, e.p)));
+    out
+}
+
+/// How alike two streams are: pixels that fire, those of them that fire the same polarities in both, and how far apart the
+/// events of those are, in microseconds and sorted.
+fn alike(one: &[Event], other: &[Event]) -> (usize, usize, Vec<i64>) {
+    let [one, other] = [by_pixel(one), by_pixel(other)];
+    let places: std::collections::BTreeSet<_> = one.keys().chain(other.keys()).collect();
+    let (mut same, mut apart) = (0, Vec::new());
+    for place in &places {
+        if let (Some(a), Some(b)) = (one.get(*place), other.get(*place))
+            && a.iter().map(|e| e.1).eq(b.iter().map(|e| e.1))
+        {
+            same += 1;
+            apart.extend(a.iter().zip(b).map(|(a, b)| (a.0 - b.0).abs()));
+        }
+    }
+    apart.sort_unstable();
+    (places.len(), same, apart)
+}
+
+/// The value below which `part` of them lie.
+fn quantile<T: Copy + Default>(sorted: &[T], part: f64) -> T {
+    sorted.get((part * sorted.len() as f64) as usize).copied().unwrap_or_default()
+}
+
+#[test]
+fn a_device_finds_the_light_and_the_events_that_the_processor_finds() {
+    let Some(gpu) = crate::tests::device() else { return };
+    for name in ["spinner", "desk", "street", "warehouse"] {
+        let scene = evis_scene::builtin::load(name, 0).unwrap();
+        let settings = settings((120, 90));
+        let own = simulate(&scene, &settings).unwrap();
+        let (outcome, light) = followed(&gpu, &scene, &settings, Tampering::None);
+        let report = &outcome.report;
+        let (pixels, same, apart) = alike(&own.events, &outcome.events);
+        println!(
+            "{name}: {} events of {pixels} pixels, {same} of them alike, {} us apart (median; 99 %: {}); light off by {:.1e} \
+             (99 %: {:.1e}); {} of {} evaluations on the device, {} pixels left out",
+            own.events.len(),
+            quantile(&apart, 0.5),
+            quantile(&apart, 0.99),
+            quantile(&light, 0.5),
+            quantile(&light, 0.99),
+            report.on_device,
+            report.evaluations,
+            report.refollowed
+        );
+        assert!(own.events.len() > 500 && 100 * same > 98 * pixels, "{name}: {same} of {pixels}");
+        assert!(quantile(&apart, 0.5) <= 20 && quantile(&apart, 0.99) <= 1000, "{name}");
+        assert!(light.len() > 500 && quantile(&light, 0.5) < 1e-3 && quantile(&light, 0.99) < 0.02, "{name}");
+        assert!(2 * report.on_device > report.evaluations, "{name}: {report:?}");
+        // Canary: pixels that lie a twentieth of their side beside their place.
+        if name != "spinner" && name != "street" {
+            continue;
+        }
+        let (moved, _) = followed(&gpu, &scene, &settings, Tampering::Shift(0.05));
+        let (_, _, beside) = alike(&own.events, &moved.events);
+        let [found, seen] = [&apart, &beside].map(|apart| quantile(apart, 0.9));
+        assert!(seen > 2 * found.max(50), "{name}: 90 % within {seen} us, and {found} in place");
+    }
+}
+
+#[test]
+fn random_scenes_fire_on_a_device_as_on_the_processor() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let (mut pixels, mut same, mut apart, mut seen) = (0, 0, Vec::new(), 0);
+    for seed in 0..12 {
+        let mut scene = random_scenes::scene(seed);
+        // One environment, as it is.
+        scene.variants.clear();
+        let settings = settings((48, 36));
+        let Ok(own) = simulate(&scene, &settings) else { continue };
+        let (outcome, _) = followed(&gpu, &scene, &settings, Tampering::None);
+        let (own_pixels, own_same, own_apart) = alike(&own.events, &outcome.events);
+        println!(
+            "{seed}: {} of {} evaluations on the device, {} left out; {own_same} of {own_pixels} pixels alike, {} us apart",
+            outcome.report.on_device,
+            outcome.report.evaluations,
+            outcome.report.refollowed,
+            quantile(&own_apart, 0.5)
+        );
+        seen += usize::from(outcome.report.on_device > 0);
+        pixels += own_pixels;
+        same += own_same;
+        apart.extend(own_apart);
+    }
+    apart.sort_unstable();
+    println!(
+        "{same} of {pixels} pixels alike, {} us apart, 99 %: {}",
+        quantile(&apart, 0.5),
+        quantile(&apart, 0.99)
+    );
+    assert!(seen > 8 && pixels > 8000, "{seen} {pixels}");
+    assert!(100 * same > 97 * pixels, "{same} of {pixels}");
+    assert!(quantile(&apart, 0.5) <= 20 && quantile(&apart, 0.99) <= 1500);
+}
+
+#[test]
+fn what_a_device_cannot_follow_the_processor_does_and_runs_give_the_same_bytes() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let scene = evis_scene::builtin::load("warehouse", 0).unwrap();
+    let settings = settings((96, 72));
+    let own = simulate(&scene, &settings).unwrap();
+    let (none, _) = followed(&gpu, &scene, &settings, Tampering::Fail(1));
+    assert!(none.events == own.events, "nothing on the device is what the processor finds, to the byte");
+    assert_eq!((none.report.on_device, none.report.evaluations), (0, own.report.evaluations));
+    let [one, other] = [(); 2].map(|()| followed(&gpu, &scene, &settings, Tampering::None).0);
+    assert!(one.events == other.events && one.report.on_device > 0, "two runs");
+    // Every third pixel by the processor: no event is lost and none comes twice.
+    let (mixed, _) = followed(&gpu, &scene, &settings, Tampering::Fail(3));
+    let (pixels, same, _) = alike(&own.events, &mixed.events);
+    assert!(mixed.report.refollowed > 500 && 100 * same > 98 * pixels, "{same} of {pixels}");
+}
