@@ -30,6 +30,8 @@ pub const HAS_BEFORE: u32 = 1;
 pub const RESTED: u32 = 2;
 /// [`Pixel::flags`]: it was never followed, and its reference is what it sees at the start.
 pub const BEGINS: u32 = 4;
+/// [`Pixel::flags`]: one facet fills it throughout, and no shadow comes into it.
+pub const PLAIN: u32 = 8;
 /// Of a pixel's entry: it fills the pixel throughout.
 pub const COVERS: u32 = 1 << 31;
 
@@ -165,7 +167,7 @@ pub struct Pixel {
     pub above: f32,
     /// Luminance of the next OFF event.
     pub below: f32,
-    /// [`HAS_BEFORE`], [`RESTED`], [`BEGINS`].
+    /// [`HAS_BEFORE`], [`RESTED`], [`BEGINS`], [`PLAIN`].
     pub flags: u32,
     /// Evaluations.
     pub evaluations: u32,

@@ -212,6 +212,7 @@ impl PixelPath {
         light: impl FnMut(u32) -> f64,
         fire: impl FnMut(f64, evis_core::Polarity),
     ) -> u64 {
+        self.begins &= activity.still && !block.jump;
         let least = Self::least(step_px, activity);
         let mut walk = Walk { thresholds, block, least, light, fire, evaluations: 0 };
         if self.last.t_us != block.start_us {
@@ -230,7 +231,6 @@ impl PixelPath {
         if activity.still {
             return walk.evaluations;
         }
-        self.begins = false;
         if std::mem::take(&mut self.rested) && !block.jump {
             self.last = walk.at(0);
         }

@@ -299,7 +299,9 @@ impl Evaluator<'_> {
             let middle = packer.centre();
             let centre = [at.x - middle[0], at.y - middle[1]].map(|v| v as f32);
             let (own_count, number) = (own.len() as u32, pixel as u32);
-            add(pixel, packed::Pixel { centre, own: first, own_count, number, ..Default::default() });
+            let plain = |own: &Own| own.covers && !lighting.is_shadowed(&work.light, own.slot, pixel);
+            let flags = if matches!(own, [own] if plain(own)) { packed::PLAIN } else { 0 };
+            add(pixel, packed::Pixel { centre, own: first, own_count, number, flags, ..Default::default() });
         }
         true
     }

@@ -71,7 +71,7 @@ fn see(k: u32, own: u32, u: f32) -> bool {
         fragments[k].place_t = e0 * inverse;
         fragments[k].weight = inverse_depth;
     }
-    if ((own & COVERS) != 0u) {
+    if (PLAIN || (own & COVERS) != 0u) {
         return true;
     }
     let side = sign(volume);
@@ -134,7 +134,7 @@ fn visible_part(k: u32, count: u32) -> u32 {
             }
         }
         count_iterations(1u + lines);
-        subtract_from(list, 1u - list, lines);
+        subtract_from(all_of(list), 1u - list, lines);
         list = 1u - list;
     }
     return list;

@@ -1,3 +1,6 @@
+// Pixels that one facet fills throughout and into which no shadow comes: of code that is never reached drivers make none.
+override PLAIN: bool = false;
+
 // What the host packs of a block (`packed` of evis-decoupled). Indices of a row of tiles count from the bases that
 // its pixels name.
 

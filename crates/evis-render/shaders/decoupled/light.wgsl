@@ -93,47 +93,79 @@ fn response_at(entry: u32, place: vec2<f32>, u: f32, lamp: u32) -> vec4<f32> {
     return mix(a, b, time - f32(interval));
 }
 
-// Luminance that fragment `k` adds, of which the pixel sees what is in list `visible`, with the moments `m`.
-fn light_of(k: u32, m: Moments, visible: u32, u: f32) -> f32 {
+// Parts of a fragment whose base colour is averaged: all that the pixel sees of it, and what a lamp reaches of that, where
+// shadows leave some of it.
+const MOST_TASKS: u32 = 9u;
+var<private> task_moments: array<Moments, MOST_TASKS>;
+// Bits of the responses that a part has: 0 of what no shadow falls on, then lamp by lamp.
+var<private> task_responses: array<u32, MOST_TASKS>;
+// Of responses.
+var<private> weights: array<f32, MOST_TASKS>;
+
+// What the pixel sees of facets.
+struct Part {
+    fragment: u32,
+    visible: Range,
+    moments: Moments,
+};
+
+const MOST_SEEN: u32 = 10u;
+var<private> seen: array<Part, MOST_SEEN>;
+
+// Luminance that fragment `k` adds, of which the pixel sees what is `visible`, with the moments `m`.
+fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     let entry = fragments[k].entry;
-    let glow = wave_at(entries[entry].glow, u);
     let unlit = (entries[entry].flags & UNLIT) != 0u;
-    var surface: Surface;
-    var sum = select(glow, 0.0, unlit);
-    // What no shadow falls on, then lamp by lamp.
-    for (var number = 0u; number <= job.lamps; number++) {
-        var reached = Reached(1.0, false, m);
-        if (number > 0u) {
-            if (unlit || ((entries[entry].lit >> (number - 1u)) & 1u) == 0u) {
-                continue;
-            }
-            reached = arriving(k, number - 1u, visible, m.area, u);
-            if (reached.part <= 0.0) {
-                continue;
-            }
+    let lit = select(entries[entry].lit, 0u, unlit);
+    // Software drivers execute what no pixel asks for, too, so lamps whose shadows come into the pixel are found first.
+    var responses = select(1u, 0u, unlit);
+    var shadowed = 0u;
+    weights[0] = 1.0;
+    for (var lamp = 0u; lamp < job.lamps; lamp++) {
+        let shade = entries[entry].shades + SHADE_WORDS * lamp;
+        if (((lit >> lamp) & 1u) == 1u && !has_pixel(shade)) {
+            weights[lamp + 1u] = wave_at(job.own[lamp].wave, u);
+            responses |= 2u << lamp;
+            shadowed |= select(0u, 1u << lamp, has_pixel(shade + 2u));
         }
-        // What the lamp reaches may look otherwise than the rest.
+    }
+    task_moments[0] = m;
+    var tasks = 1u;
+    for (; !PLAIN && shadowed != 0u && !failed; shadowed &= shadowed - 1u) {
+        let lamp = firstTrailingBit(shadowed);
+        let reached = reached_by(k, lamp, visible, m.area, u);
+        weights[lamp + 1u] *= reached.part;
         let left = reached.moments.area / m.area;
         let apart = reached.partly && left >= PARTLY_LIT.x && left < PARTLY_LIT.y;
-        var seen = surface;
-        if (number == 0u || apart) {
-            seen = surface_of(k, reached.moments);
+        if (apart) {
+            // What the lamp reaches may look otherwise than the rest.
+            task_moments[tasks] = reached.moments;
+            task_responses[tasks] = 2u << lamp;
+            tasks += 1u;
         }
-        if (number == 0u) {
-            surface = seen;
+        if (apart || reached.part <= 0.0) {
+            responses &= ~(2u << lamp);
         }
+    }
+    task_responses[0] = responses;
+    let glow = wave_at(entries[entry].glow, u);
+    var sum = select(glow, 0.0, unlit);
+    for (var task = 0u; task < tasks; task++) {
+        let surface = surface_of(k, task_moments[task]);
         if (unlit) {
-            sum = glow * luminance(seen.base);
-        } else {
-            let response = response_at(entry, seen.place, u, number);
-            sum += reached.part * (dot(seen.base, response.xyz) + response.w);
+            sum = glow * luminance(surface.base);
+        }
+        for (var left = task_responses[task]; left != 0u; left &= left - 1u) {
+            let number = firstTrailingBit(left);
+            let response = response_at(entry, surface.place, u, number);
+            sum += weights[number] * (dot(surface.base, response.xyz) + response.w);
         }
     }
     return m.area * sum;
 }
 
-// Mean luminance of a pixel at part `u` of the block.
-fn light_at(own: u32, own_count: u32, u: f32) -> f32 {
+// Mean luminance of a pixel that may see several facets.
+fn light_of_all(own: u32, own_count: u32, u: f32) -> f32 {
     var count = 0u;
     count_iterations(own_count);
     for (var k = 0u; k < own_count; k++) {
@@ -145,17 +177,41 @@ fn light_at(own: u32, own_count: u32, u: f32) -> f32 {
             count += 1u;
         }
     }
+    // What is seen first, and then its light: of most facets nothing is.
     var rest = whole_pixel();
-    var sum = 0.0;
-    for (var k = 0u; k < count; k++) {
-        let visible = visible_part(k, count);
-        let m = moments_of(visible);
+    var parts = 0u;
+    clear_list(KEPT);
+    for (var k = 0u; k < count && !failed; k++) {
+        let list = visible_part(k, count);
+        let m = moments_of(list);
         if (m.area > NO_AREA) {
+            if (parts == MOST_SEEN) {
+                failed = true;
+                break;
+            }
             rest = minus_moments(rest, m);
-            sum += light_of(k, m, visible, u);
+            seen[parts] = Part(k, keep_list(list), m);
+            parts += 1u;
         }
     }
-    let light = sum + max(rest.area, 0.0) * job.background;
+    var sum = 0.0;
+    for (var part = 0u; part < parts && !failed; part++) {
+        let own = seen[part];
+        sum += light_of(own.fragment, own.moments, own.visible, u);
+    }
+    return sum + max(rest.area, 0.0) * job.background;
+}
+
+// Mean luminance of a pixel at part `u` of the block.
+fn light_at(own: u32, own_count: u32, u: f32) -> f32 {
+    var light = 0.0;
+    if (PLAIN) {
+        if (see(0u, words[base.words + own], u)) {
+            light = light_of(0u, whole_pixel(), all_of(0u), u);
+        }
+    } else {
+        light = light_of_all(own, own_count, u);
+    }
     // What is no number is left to 64 bits.
     failed = failed || !(abs(light) < BOUNDLESS);
     return light;

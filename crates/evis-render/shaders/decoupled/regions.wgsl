@@ -1,5 +1,5 @@
 #import decoupled/layout.wgsl
-// Convex polygons in the pixel, in three lists, out of which others are cut.
+// Convex polygons in the pixel, in three lists, out of which others are cut. The third keeps what is seen of all facets.
 
 const LIST_CORNERS: u32 = 72u;
 const LIST_POLYGONS: u32 = 14u;
@@ -71,6 +71,21 @@ fn close_polygon(list: u32) {
     list_count[list] += 1u;
 }
 
+// Appends a list to those that are kept.
+fn keep_list(list: u32) -> Range {
+    let first = list_count[KEPT];
+    for (var polygon = 0u; polygon < list_count[list] && !failed; polygon++) {
+        let start = list * LIST_CORNERS + polygon_start(list, polygon);
+        let end = list * LIST_CORNERS + list_ends[list * LIST_POLYGONS + polygon];
+        count_iterations(end - start + 1u);
+        for (var c = start; c < end; c++) {
+            push_corner(KEPT, list_corners[c]);
+        }
+        close_polygon(KEPT);
+    }
+    return Range(KEPT, first, list_count[KEPT]);
+}
+
 fn push_part(part: u32, corner: vec2<f32>) {
     if (part_count[part] == MOST_CORNERS) {
         failed = true;
@@ -106,10 +121,24 @@ fn cut_part(source: u32, line: vec3<f32>, rest: u32) {
     close_polygon(rest);
 }
 
-// What of the polygons in list `from` lies outside of the intersection of the first `lines` cutters goes to list `to`.
-fn subtract_from(source: u32, to: u32, lines: u32) {
+const KEPT: u32 = 2u;
+
+// Polygons `first` up to `end` of a list.
+struct Range {
+    list: u32,
+    first: u32,
+    end: u32,
+};
+
+fn all_of(list: u32) -> Range {
+    return Range(list, 0u, list_count[list]);
+}
+
+// What of the polygons of `range` lies outside of the intersection of the first `lines` cutters goes to list `to`.
+fn subtract_from(range: Range, to: u32, lines: u32) {
+    let source = range.list;
     clear_list(to);
-    for (var polygon = 0u; polygon < list_count[source] && !failed; polygon++) {
+    for (var polygon = range.first; polygon < range.end && !failed; polygon++) {
         let start = source * LIST_CORNERS + polygon_start(source, polygon);
         let end = source * LIST_CORNERS + list_ends[source * LIST_POLYGONS + polygon];
         // To find its sides, to copy it, and to cut it.

@@ -8,7 +8,7 @@ const SHADE_WORDS: u32 = 6u;
 const CASTER_WORDS: u32 = 3u;
 
 struct Reached {
-    // Part of the area.
+    // Part of the area that no shadow covers.
     part: f32,
     // Shadows leave some of it: where.
     partly: bool,
@@ -72,20 +72,11 @@ fn shadow_of(row: u32, lamp: u32, receiver: vec3<f32>, u: f32) -> i32 {
     return i32(count);
 }
 
-// Strength of lamp `lamp` on fragment `k`, whose part of the pixel, of area `whole`, is in list `visible`.
-fn arriving(k: u32, lamp: u32, visible: u32, whole: f32, u: f32) -> Reached {
-    let entry = fragments[k].entry;
-    let strength = wave_at(job.own[lamp].wave, u);
-    var reached = Reached(strength, false, whole_pixel());
-    let shade = entries[entry].shades + SHADE_WORDS * lamp;
-    if (has_pixel(shade)) {
-        reached.part = 0.0;
-        return reached;
-    }
-    if (!has_pixel(shade + 2u)) {
-        return reached;
-    }
-    var list = visible;
+// What part of fragment `k`, whose part of the pixel, of area `whole`, is `visible`, shadows leave to lamp `lamp`.
+fn reached_by(k: u32, lamp: u32, visible: Range, whole: f32, u: f32) -> Reached {
+    var reached = Reached(1.0, false, whole_pixel());
+    let shade = entries[fragments[k].entry].shades + SHADE_WORDS * lamp;
+    var left = visible;
     let end = words[base.words + shade + 5u];
     for (var caster = words[base.words + shade + 4u]; caster < end && !failed; caster += CASTER_WORDS) {
         // Its four edges.
@@ -97,20 +88,18 @@ fn arriving(k: u32, lamp: u32, visible: u32, whole: f32, u: f32) -> Reached {
         if (count < 0) {
             continue;
         }
-        // The two lists beside the one that is kept.
-        let next = select((visible + 1u) % 3u, (visible + 2u) % 3u, list == (visible + 1u) % 3u);
-        subtract_from(list, next, u32(count));
-        list = next;
-        if (list_count[list] == 0u) {
-            reached.part = 0.0;
-            return reached;
+        let to = select(0u, 1u, left.list == 0u);
+        subtract_from(left, to, u32(count));
+        left = all_of(to);
+        if (left.end == 0u) {
+            break;
         }
     }
-    if (list != visible) {
-        reached.moments = moments_of(list);
+    if (left.list != visible.list) {
+        reached.moments = moments_of(left.list);
         let part = clamp(reached.moments.area / max(whole, 1e-12), 0.0, 1.0);
         reached.partly = part < 1.0;
-        reached.part *= part;
+        reached.part = part;
     }
     return reached;
 }

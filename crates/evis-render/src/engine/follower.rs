@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::Arc;
 
-use evis_decoupled::packed::{Block, Event, Pixel, Scene};
+use evis_decoupled::packed::{Block, Event, PLAIN, Pixel, Scene};
 use evis_decoupled::signal::pixel::UNITS;
 use evis_decoupled::{Device, Devices, Error};
 
@@ -18,16 +18,19 @@ use crate::pass::decoupled::{GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH
 use crate::pass::{ComputePass, decoupled, group};
 
 /// Events that fit for each pixel, of all pixels together; a block with more leaves some of its pixels to the processor.
-const EVENTS_PER_PIXEL: u32 = 4;
+const EVENTS_PER_PIXEL: u32 = 16;
 /// Events that fit at least.
 const LEAST_EVENTS: u32 = 4096;
 /// Rounds beyond those in which pixels are evaluated where they surely are.
 const MORE_ROUNDS: u32 = 8;
 
-/// Devices on one adapter, which share its pipeline.
+/// Of all other pixels, and of plain ones.
+type Passes = [ComputePass; 2];
+
+/// Devices on one adapter, which share its pipelines.
 pub struct Followers {
     gpu: Gpu,
-    pass: Arc<ComputePass>,
+    passes: Arc<Passes>,
 }
 
 impl fmt::Debug for Followers {
@@ -42,14 +45,14 @@ impl Followers {
     /// # Errors
     /// What the device refuses.
     pub fn new(gpu: &Gpu) -> Result<Self, EngineError> {
-        let pass = gpu.guarded(|| Ok(decoupled::pixels(&gpu.device)))?;
-        Ok(Self { gpu: gpu.clone(), pass: Arc::new(pass) })
+        let passes = || [false, true].map(|plain| decoupled::pixels(&gpu.device, plain));
+        Ok(Self { gpu: gpu.clone(), passes: Arc::new(gpu.guarded(|| Ok(passes()))?) })
     }
 }
 
 impl Devices for Followers {
     fn open(&self) -> Result<Box<dyn Device>, Error> {
-        Ok(Box::new(Follower::new(&self.gpu, &self.pass)))
+        Ok(Box::new(Follower::new(&self.gpu, &self.passes)))
     }
 }
 
@@ -80,7 +83,7 @@ impl Input {
 /// The pixels of one view.
 struct Follower {
     gpu: Gpu,
-    pass: Arc<ComputePass>,
+    passes: Arc<Passes>,
     job: GrowingBuffer,
     inputs: [GrowingBuffer; 5],
     pixels: GrowingBuffer,
@@ -91,7 +94,7 @@ struct Follower {
 }
 
 impl Follower {
-    fn new(gpu: &Gpu, pass: &Arc<ComputePass>) -> Self {
+    fn new(gpu: &Gpu, passes: &Arc<Passes>) -> Self {
         use wgpu::BufferUsages as Usage;
         let new = |label, usage| GrowingBuffer::new(&gpu.device, label, usage);
         let mut turns = new("turns", Usage::UNIFORM);
@@ -107,7 +110,7 @@ impl Follower {
             scratch: new("scratch", Usage::STORAGE),
             turns,
             gpu: gpu.clone(),
-            pass: Arc::clone(pass),
+            passes: Arc::clone(passes),
         }
     }
 
@@ -174,14 +177,19 @@ impl Follower {
         (block.job.capacity, block.job.row) = (capacity, sizes::dispatch(count, GROUP).0);
         self.job.write(device, queue, bytemuck::bytes_of(&block.job));
         self.pixels.write(device, queue, bytemuck::cast_slice(&block.pixels));
-        let all: Vec<u32> = (0..count).collect();
-        self.scratch.write(device, queue, bytemuck::cast_slice(&all));
         Ok(capacity)
     }
 
-    /// Runs rounds until no pixel goes on; how many events there are.
-    fn run(&mut self, block: &Block) -> Result<u32, Error> {
+    /// Runs rounds of those pixels that are `plain`, or are not, until none goes on, from event number `used` on; how many events
+    /// there are then.
+    fn run(&mut self, block: &Block, plain: bool, mut used: u32) -> Result<u32, Error> {
+        let is_own = |pixel: &Pixel| (pixel.flags & PLAIN != 0) == plain;
+        let own = (0..).zip(&block.pixels).filter(|(_, pixel)| is_own(pixel));
+        let numbers: Vec<u32> = own.clone().map(|(number, _)| number).collect();
+        let most = own.map(|(_, pixel)| UNITS / pixel.stride.max(1)).max().unwrap_or(0);
         let device = &self.gpu.device;
+        self.scratch.write(device, &self.gpu.queue, bytemuck::cast_slice(&numbers));
+        let pass = &self.passes[usize::from(plain)];
         let buffers = [&self.job].into_iter().chain(&self.inputs);
         let buffers = buffers.chain([&self.pixels, &self.events, &self.scratch]);
         let mut resources: Vec<_> = buffers.map(|buffer| buffer.get().as_entire_binding()).collect();
@@ -190,23 +198,22 @@ impl Follower {
             offset: 0,
             size: wgpu::BufferSize::new(size_of::<Turn>() as u64),
         }));
-        let group = group(device, self.pass.file, &self.pass.layout, PIXELS_BINDINGS, resources);
-        let most = block.pixels.iter().map(|pixel| UNITS / pixel.stride.max(1)).max().unwrap_or(0);
+        let group = group(device, pass.file, &pass.layout, PIXELS_BINDINGS, resources);
         // An even number, see `ROUNDS`.
         let rounds = ((most + MORE_ROUNDS) / 2 * 2).min(ROUNDS);
-        let (mut going_on, mut used, mut first) = (block.pixels.len() as u32, 0, 0);
+        let (mut going_on, mut first) = (numbers.len() as u32, 0);
         while going_on > 0 {
             let mut head = vec![0; HEAD_WORDS as usize];
             (head[0], head[1]) = (used, going_on);
             self.gpu.queue.write_buffer(self.events.get(), 0, bytemuck::cast_slice(&head));
             let (columns, rows) = sizes::dispatch(going_on, GROUP);
+            // Rows are as long as `Job::row` says, if there are several.
+            let columns = if rows == 1 { columns } else { block.job.row };
             let mut commands = Commands::new(&self.gpu, "follow pixels");
             for round in 0..rounds {
                 let turn = if round == 0 { first } else { round };
                 let offset = turn * UNIFORM_ALIGNMENT as u32;
-                // Rows are as long as in the first round.
-                let columns = if rows == 1 { columns } else { block.job.row };
-                self.pass.encode(&mut commands, &group, &[offset], (columns, rows, 1));
+                pass.encode(&mut commands, &group, &[offset], (columns, rows, 1));
             }
             commands.submit(&self.gpu);
             let head = self.read(&[(&self.events, u64::from(HEAD_WORDS) * 4)])?;
@@ -229,7 +236,8 @@ impl Device for Follower {
     fn follow(&mut self, block: &mut Block) -> Result<Vec<Event>, Error> {
         let _span = tracing::trace_span!("follow pixels", pixels = block.pixels.len()).entered();
         let capacity = self.send(block)?;
-        let used = self.run(block)?.min(capacity);
+        let used = self.run(block, true, 0)?;
+        let used = self.run(block, false, used)?.min(capacity);
         let head = u64::from(HEAD_WORDS) * 4;
         let pixels = size_of_val(&block.pixels[..]) as u64;
         let bytes = self.read(&[

@@ -26,7 +26,8 @@ pub const PIXELS_BINDINGS: &[Binding] = &[
     bind(9, "turn", Access::DynamicUniform),
 ];
 
-/// The pass.
-pub fn pixels(device: &wgpu::Device) -> ComputePass {
-    ComputePass::new(device, "decoupled/pixels.wgsl", PIXELS_BINDINGS, &[])
+/// The pass, for pixels that are `plain`, or for all others.
+pub fn pixels(device: &wgpu::Device, plain: bool) -> ComputePass {
+    let constants = [("PLAIN", f64::from(u8::from(plain)))];
+    ComputePass::new(device, "decoupled/pixels.wgsl", PIXELS_BINDINGS, &constants)
 }
