@@ -1,10 +1,12 @@
 //! Decoupled sampling: which surfaces a pixel sees is found from geometry in continuous time, how bright they are from
-//! light that lives on the surfaces, and each pixel is evaluated at its own times. Pure Rust, no GPU.
+//! light that lives on the surfaces, and each pixel is evaluated at its own times. Pure Rust, no GPU; pixels may be left to
+//! a [`Device`].
 //!
 //! Folders import those above them only:
 //!
 //! | folder | holds |
 //! |---|---|
+//! | [`packed`] | what a device that follows pixels is given of a block |
 //! | [`image`] | what pictures say: textures averaged over footprints, maps of materials at a place, light from all around |
 //! | [`scene`] | a scene as facets, convex planar polygons without holes; where the pixels of each tile look |
 //! | [`visibility`] | blocks of time and bounds of motion; what tiles and pixels may see; how much of a pixel a facet covers |
