@@ -203,7 +203,33 @@ pub struct Row {
     pub pixels: Vec<Pixel>,
 }
 
-/// A block of a view.
+impl Row {
+    /// Bytes of each of its arrays.
+    fn bytes(&self) -> [usize; 5] {
+        let Self { entries, words, points, nodes, pixels } = self;
+        [
+            size_of_val(&entries[..]),
+            size_of_val(&words[..]),
+            size_of_val(&points[..]),
+            size_of_val(&nodes[..]),
+            size_of_val(&pixels[..]),
+        ]
+    }
+
+    /// How many of `rows`, one at least, have arrays of at most `room` bytes each when they are side by side.
+    pub fn that_fit<'r>(rows: impl Iterator<Item = &'r Self>, room: usize) -> usize {
+        let mut sums = [0; 5];
+        let fits = |row: &Self| {
+            for (sum, bytes) in sums.iter_mut().zip(row.bytes()) {
+                *sum += bytes;
+            }
+            sums.iter().all(|sum| *sum <= room)
+        };
+        rows.map(fits).take_while(|fits| *fits).count().max(1)
+    }
+}
+
+/// A block of a view, or of some rows of its tiles.
 #[derive(Clone, Debug, Default)]
 pub struct Block {
     /// What all pixels share.
@@ -254,4 +280,21 @@ pub struct Scene {
 /// Words as a row of numbers.
 pub fn as_floats(words: [u32; 4]) -> [f32; 4] {
     words.map(f32::from_bits)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn rows_are_joined_as_far_as_they_fit() {
+        let row = |words: usize| Row { words: vec![7; words], ..Row::default() };
+        let rows = [row(10), row(20), row(30), row(100)];
+        let fit = |from: usize, words: usize| Row::that_fit(rows[from..].iter(), 4 * words);
+        assert_eq!([fit(0, 59), fit(0, 60), fit(0, 160), fit(0, 5), fit(3, 99)], [2, 3, 4, 1, 1]);
+        let block = Block::new(Job::default(), rows[1..3].iter());
+        // Four words per row, then their own.
+        assert_eq!((block.words[1], block.words[5], block.words.len()), (8, 28, 58));
+        assert!(block.words[8..].iter().all(|word| *word == 7));
+    }
 }

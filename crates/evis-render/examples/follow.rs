@@ -39,6 +39,10 @@ impl Device for TimedDevice {
         self.0.load(scene)
     }
 
+    fn room(&self) -> usize {
+        self.0.room()
+    }
+
     fn follow(&mut self, block: &mut Block) -> Result<Vec<packed::Event>, Error> {
         let started = Instant::now();
         let events = self.0.follow(block)?;

@@ -25,6 +25,9 @@ pub trait Device: Send {
     /// It does not fit, and why.
     fn load(&mut self, scene: &packed::Scene) -> Result<(), Error>;
 
+    /// Bytes that arrays of a block may take, each.
+    fn room(&self) -> usize;
+
     /// Follows the pixels of `block` and writes into them what became of them. Returns their events: those of one pixel in firing
     /// order, and those of pixels that failed for nothing.
     ///
@@ -44,6 +47,11 @@ pub(crate) struct Loaded {
 impl Loaded {
     pub(crate) fn new(device: Box<dyn Device>) -> Self {
         Self { device, version: None, places: [0; 2] }
+    }
+
+    /// See [`Device::room`].
+    pub(crate) fn room(&self) -> usize {
+        self.device.room()
     }
 
     /// As [`Device::follow`], with the light of `lighting`.

@@ -324,15 +324,23 @@ impl Pixels {
         });
         if let Some(device) = self.device.as_mut().filter(|_| !stop.load(Ordering::Relaxed)) {
             let job = following.job(&evaluator);
-            let mut packed = packed::Block::new(job, self.rows.iter().map(|row| &row.packer.row));
-            let mut fired = device.follow(lighting, &mut packed)?;
-            // Stable: those of one pixel are in firing order.
-            fired.sort_by_key(|event| event.pixel);
-            let (mut pixels, mut first) = (&packed.pixels[..], 0);
-            for (index, row) in self.rows.iter_mut().enumerate() {
-                let own = pixels.split_off(..row.packed.len()).unwrap_or_default();
-                row.take(&evaluator, following, (first, own), &fired, index);
-                first += own.len();
+            let mut from = 0;
+            while from < self.rows.len() && !stop.load(Ordering::Relaxed) {
+                let packed_rows =
+                    |rows: &[Row]| packed::Row::that_fit(rows.iter().map(Row::packed), device.room());
+                let until = from + packed_rows(&self.rows[from..]);
+                let rows = &mut self.rows[from..until];
+                let mut packed = packed::Block::new(job, rows.iter().map(Row::packed));
+                let mut fired = device.follow(lighting, &mut packed)?;
+                // Stable: those of one pixel are in firing order.
+                fired.sort_by_key(|event| event.pixel);
+                let (mut pixels, mut first) = (&packed.pixels[..], 0);
+                for (index, row) in (from..).zip(rows) {
+                    let own = pixels.split_off(..row.packed.len()).unwrap_or_default();
+                    row.take(&evaluator, following, (first, own), &fired, index);
+                    first += own.len();
+                }
+                from = until;
             }
             each_row(&mut self.rows, &|row, work, index| {
                 row.follow_failed(work, &evaluator, following, index);
@@ -484,6 +492,10 @@ impl Row {
             self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs));
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();
+    }
+
+    fn packed(&self) -> &packed::Row {
+        &self.packer.row
     }
 
     /// Takes what a device made of the `pixels` of this row, number `row`, from number `first` of the block on, and of all that

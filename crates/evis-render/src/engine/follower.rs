@@ -1,11 +1,13 @@
 //! Pixels of decoupled sampling, followed on a device: blocks go up, events come down.
 
 use std::fmt;
-use std::sync::Arc;
+use std::hash::{Hash, Hasher};
+use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use evis_decoupled::packed::{Block, Event, PLAIN, Pixel, Scene};
 use evis_decoupled::signal::pixel::UNITS;
 use evis_decoupled::{Device, Devices, Error};
+use wgpu::util::DeviceExt;
 
 use crate::error::EngineError;
 use crate::gpu::Gpu;
@@ -21,16 +23,23 @@ use crate::pass::{ComputePass, decoupled, group};
 const EVENTS_PER_PIXEL: u32 = 16;
 /// Events that fit at least.
 const LEAST_EVENTS: u32 = 4096;
+/// Bytes that an array of a block takes at most, if rows of tiles can be followed one after the other: half of what WebGPU's
+/// default limits let be bound.
+const MOST_BYTES: u64 = 64 << 20;
 /// Rounds beyond those in which pixels are evaluated where they surely are.
 const MORE_ROUNDS: u32 = 8;
 
 /// Of all other pixels, and of plain ones.
 type Passes = [ComputePass; 2];
 
-/// Devices on one adapter, which share its pipelines.
+/// Appearances and textures on the device, by a hash of what they are.
+type Shared = Mutex<Vec<(u64, Weak<wgpu::Buffer>)>>;
+
+/// Devices on one adapter, which share its pipelines, and appearances and textures that are the same.
 pub struct Followers {
     gpu: Gpu,
     passes: Arc<Passes>,
+    shared: Arc<Shared>,
 }
 
 impl fmt::Debug for Followers {
@@ -46,28 +55,28 @@ impl Followers {
     /// What the device refuses.
     pub fn new(gpu: &Gpu) -> Result<Self, EngineError> {
         let passes = || [false, true].map(|plain| decoupled::pixels(&gpu.device, plain));
-        Ok(Self { gpu: gpu.clone(), passes: Arc::new(gpu.guarded(|| Ok(passes()))?) })
+        let passes = Arc::new(gpu.guarded(|| Ok(passes()))?);
+        Ok(Self { gpu: gpu.clone(), passes, shared: Arc::default() })
     }
 }
 
 impl Devices for Followers {
     fn open(&self) -> Result<Box<dyn Device>, Error> {
-        Ok(Box::new(Follower::new(&self.gpu, &self.passes)))
+        Ok(Box::new(Follower::new(self)))
     }
 }
 
-/// What is written once per block, or once.
+/// What is written once per block.
 #[derive(Clone, Copy)]
 enum Input {
     Entries,
     Words,
     Points,
     Nodes,
-    Fixed,
 }
 
 impl Input {
-    const ALL: [Self; 5] = [Self::Entries, Self::Words, Self::Points, Self::Nodes, Self::Fixed];
+    const ALL: [Self; 4] = [Self::Entries, Self::Words, Self::Points, Self::Nodes];
 
     fn label(self) -> &'static str {
         match self {
@@ -75,7 +84,6 @@ impl Input {
             Self::Words => "words",
             Self::Points => "points",
             Self::Nodes => "nodes",
-            Self::Fixed => "textures",
         }
     }
 }
@@ -85,7 +93,10 @@ struct Follower {
     gpu: Gpu,
     passes: Arc<Passes>,
     job: GrowingBuffer,
-    inputs: [GrowingBuffer; 5],
+    inputs: [GrowingBuffer; 4],
+    shared: Arc<Shared>,
+    /// What stays from block to block.
+    fixed: Option<Arc<wgpu::Buffer>>,
     pixels: GrowingBuffer,
     events: GrowingBuffer,
     scratch: GrowingBuffer,
@@ -94,7 +105,8 @@ struct Follower {
 }
 
 impl Follower {
-    fn new(gpu: &Gpu, passes: &Arc<Passes>) -> Self {
+    fn new(of: &Followers) -> Self {
+        let gpu = &of.gpu;
         use wgpu::BufferUsages as Usage;
         let new = |label, usage| GrowingBuffer::new(&gpu.device, label, usage);
         let mut turns = new("turns", Usage::UNIFORM);
@@ -110,14 +122,16 @@ impl Follower {
             scratch: new("scratch", Usage::STORAGE),
             turns,
             gpu: gpu.clone(),
-            passes: Arc::clone(passes),
+            passes: Arc::clone(&of.passes),
+            shared: Arc::clone(&of.shared),
+            fixed: None,
         }
     }
 
     /// Refuses what no binding can hold.
     fn check(&self, what: &str, bytes: u64) -> Result<(), Error> {
         let most = self.gpu.device.limits().max_storage_buffer_binding_size;
-        // Buffers grow to powers of two, and are bound as a whole.
+        // Buffers that grow do so to powers of two, and are bound as a whole.
         if bytes.next_power_of_two() <= most {
             return Ok(());
         }
@@ -190,9 +204,12 @@ impl Follower {
         let device = &self.gpu.device;
         self.scratch.write(device, &self.gpu.queue, bytemuck::cast_slice(&numbers));
         let pass = &self.passes[usize::from(plain)];
-        let buffers = [&self.job].into_iter().chain(&self.inputs);
-        let buffers = buffers.chain([&self.pixels, &self.events, &self.scratch]);
-        let mut resources: Vec<_> = buffers.map(|buffer| buffer.get().as_entire_binding()).collect();
+        let nothing = || Error::Device("nothing was loaded to it".into());
+        let fixed = self.fixed.as_deref().ok_or_else(nothing)?;
+        let before = [&self.job].into_iter().chain(&self.inputs).map(GrowingBuffer::get);
+        let after = [&self.pixels, &self.events, &self.scratch].map(GrowingBuffer::get);
+        let buffers = before.chain([fixed]).chain(after);
+        let mut resources: Vec<_> = buffers.map(wgpu::Buffer::as_entire_binding).collect();
         resources.push(wgpu::BindingResource::Buffer(wgpu::BufferBinding {
             buffer: self.turns.get(),
             offset: 0,
@@ -230,7 +247,29 @@ fn refused(error: EngineError) -> Error {
 
 impl Device for Follower {
     fn load(&mut self, scene: &Scene) -> Result<(), Error> {
-        self.write(Input::Fixed, bytemuck::cast_slice(&scene.rows))
+        let bytes: &[u8] = bytemuck::cast_slice(&scene.rows);
+        self.check("textures", bytes.len() as u64)?;
+        let mut hasher = std::hash::DefaultHasher::new();
+        bytes.hash(&mut hasher);
+        let hash = hasher.finish();
+        let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
+        shared.retain(|(_, buffer)| buffer.strong_count() > 0);
+        let known = shared.iter().find(|(known, _)| *known == hash).and_then(|(_, buffer)| buffer.upgrade());
+        let buffer = known.unwrap_or_else(|| {
+            let buffer = Arc::new(self.gpu.device.create_buffer_init(&wgpu::util::BufferInitDescriptor {
+                label: Some("textures"),
+                contents: bytes,
+                usage: wgpu::BufferUsages::STORAGE,
+            }));
+            shared.push((hash, Arc::downgrade(&buffer)));
+            buffer
+        });
+        self.fixed = Some(buffer);
+        Ok(())
+    }
+
+    fn room(&self) -> usize {
+        MOST_BYTES.min(self.gpu.device.limits().max_storage_buffer_binding_size / 2) as usize
     }
 
     fn follow(&mut self, block: &mut Block) -> Result<Vec<Event>, Error> {

@@ -84,6 +84,10 @@ impl Device for Tampered {
         self.device.load(scene)
     }
 
+    fn room(&self) -> usize {
+        self.device.room()
+    }
+
     fn follow(&mut self, block: &mut Block) -> Result<Vec<packed::Event>, Error> {
         self.compare(block)?;
         if let Tampering::Shift(part) = self.devices.tampering {
