@@ -3,6 +3,10 @@
 
 // What lies beyond a facet by less than this part of the lamp's distance from it is the facet itself, or touches it.
 const CONTACT: f32 = 2e-5;
+// Part of the distances of a lamp and a facet within which the lamp lies in the facet's plane: what 32 bits leave of quadratics.
+const IN_PLANE: f32 = 3e-6;
+// What 32 bits leave of a facet's height over its longer side, as a part of its distance.
+const SHRUNK: f32 = 1e-6;
 // Words of a lamp's shadows of an entry, and of a facet that throws one.
 const SHADE_WORDS: u32 = 6u;
 const CASTER_WORDS: u32 = 3u;
@@ -42,9 +46,16 @@ fn shadow_of(row: u32, lamp: u32, receiver: vec3<f32>, u: f32) -> i32 {
     let powers = job.own[lamp].points;
     let h = powers[0] + u * (powers[1] + u * powers[2]);
     let place = vec3<f32>(h.xy - centre * h.z, h.z);
-    let normal = cross(corners[1] - corners[0], corners[3] - corners[0]);
+    let along = corners[1] - corners[0];
+    let beside = corners[3] - corners[0];
+    let normal = cross(along, beside);
+    // Nor does one that has shrunk to a line or a point.
+    if (length(normal) <= SHRUNK * length(corners[0]) * max(length(along), length(beside))) {
+        return -1;
+    }
     let height = dot(normal, place) - h.w * dot(normal, corners[0]);
-    if (height == 0.0) {
+    // From a lamp in its own plane, but for rounding, a facet throws none.
+    if (abs(height) <= IN_PLANE * length(normal) * (length(place) + h.w * length(corners[0]))) {
         return -1;
     }
     let side = -sign(height);

@@ -1,7 +1,7 @@
 //! Pixels of decoupled sampling, followed on a device: blocks go up, events come down.
 
 use std::fmt;
-use std::hash::{Hash, Hasher};
+use std::hash::{BuildHasher, BuildHasherDefault, DefaultHasher};
 use std::sync::{Arc, Mutex, PoisonError, Weak};
 
 use evis_decoupled::packed::{Block, Event, PLAIN, Pixel, Scene};
@@ -249,9 +249,7 @@ impl Device for Follower {
     fn load(&mut self, scene: &Scene) -> Result<(), Error> {
         let bytes: &[u8] = bytemuck::cast_slice(&scene.rows);
         self.check("textures", bytes.len() as u64)?;
-        let mut hasher = std::hash::DefaultHasher::new();
-        bytes.hash(&mut hasher);
-        let hash = hasher.finish();
+        let hash = BuildHasherDefault::<DefaultHasher>::default().hash_one(bytes);
         let mut shared = self.shared.lock().unwrap_or_else(PoisonError::into_inner);
         shared.retain(|(_, buffer)| buffer.strong_count() > 0);
         let known = shared.iter().find(|(known, _)| *known == hash).and_then(|(_, buffer)| buffer.upgrade());
