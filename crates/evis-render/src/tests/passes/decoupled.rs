@@ -9,7 +9,6 @@ use evis_decoupled::{Device, Devices, Error, Outcome, Settings, simulate};
 use evis_scene::Scene;
 
 use crate::engine::follower::Followers;
-use crate::gpu::Gpu;
 use crate::tests::random_scenes;
 
 /// Where light is compared: the middle of a block.
@@ -34,7 +33,7 @@ struct Tampered {
 
 #[derive(Debug)]
 struct Tampers {
-    devices: Followers,
+    devices: Arc<Followers>,
     tampering: Tampering,
     /// The scene, of which light is compared.
     light: Option<(Scene, Settings)>,
@@ -105,10 +104,15 @@ fn settings(size: (u32, u32)) -> Settings {
     Settings { size: Some(size), duration_us: 50_000, ..Settings::default() }
 }
 
-fn followed(gpu: &Gpu, scene: &Scene, settings: &Settings, tampering: Tampering) -> (Outcome, Vec<f64>) {
+/// `devices` are opened once per test: drivers that keep nothing on disk compile their passes each time.
+fn followed(
+    devices: &Arc<Followers>,
+    scene: &Scene,
+    settings: &Settings,
+    tampering: Tampering,
+) -> (Outcome, Vec<f64>) {
     let light = matches!(tampering, Tampering::None).then(|| (scene.clone(), settings.clone()));
-    let tampers =
-        Tampers { devices: Followers::new(gpu).unwrap(), tampering, light, off: Default::default() };
+    let tampers = Tampers { devices: Arc::clone(devices), tampering, light, off: Default::default() };
     let tampers = Arc::new(tampers);
     let devices = Some(Arc::new(Opens(Arc::clone(&tampers))) as Arc<dyn Devices>);
     let outcome = simulate(scene, &Settings { devices, ..settings.clone() }).unwrap();
@@ -150,11 +154,12 @@ fn quantile<T: Copy + Default>(sorted: &[T], part: f64) -> T {
 #[test]
 fn a_device_finds_the_light_and_the_events_that_the_processor_finds() {
     let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
     for name in ["spinner", "desk", "street", "warehouse"] {
         let scene = evis_scene::builtin::load(name, 0).unwrap();
         let settings = settings((120, 90));
         let own = simulate(&scene, &settings).unwrap();
-        let (outcome, light) = followed(&gpu, &scene, &settings, Tampering::None);
+        let (outcome, light) = followed(&devices, &scene, &settings, Tampering::None);
         let report = &outcome.report;
         let (pixels, same, apart) = alike(&own.events, &outcome.events);
         println!(
@@ -177,7 +182,7 @@ fn a_device_finds_the_light_and_the_events_that_the_processor_finds() {
         if name != "spinner" && name != "street" {
             continue;
         }
-        let (moved, _) = followed(&gpu, &scene, &settings, Tampering::Shift(0.05));
+        let (moved, _) = followed(&devices, &scene, &settings, Tampering::Shift(0.05));
         let (_, _, beside) = alike(&own.events, &moved.events);
         let [found, seen] = [&apart, &beside].map(|apart| quantile(apart, 0.9));
         assert!(seen > 2 * found.max(50), "{name}: 90 % within {seen} us, and {found} in place");
@@ -187,6 +192,7 @@ fn a_device_finds_the_light_and_the_events_that_the_processor_finds() {
 #[test]
 fn random_scenes_fire_on_a_device_as_on_the_processor() {
     let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
     let (mut pixels, mut same, mut apart, mut seen) = (0, 0, Vec::new(), 0);
     for seed in 0..12 {
         let mut scene = random_scenes::scene(seed);
@@ -194,7 +200,7 @@ fn random_scenes_fire_on_a_device_as_on_the_processor() {
         scene.variants.clear();
         let settings = settings((48, 36));
         let Ok(own) = simulate(&scene, &settings) else { continue };
-        let (outcome, _) = followed(&gpu, &scene, &settings, Tampering::None);
+        let (outcome, _) = followed(&devices, &scene, &settings, Tampering::None);
         let (own_pixels, own_same, own_apart) = alike(&own.events, &outcome.events);
         println!(
             "{seed}: {} of {} evaluations on the device, {} left out; {own_same} of {own_pixels} pixels alike, {} us apart",
@@ -222,16 +228,17 @@ fn random_scenes_fire_on_a_device_as_on_the_processor() {
 #[test]
 fn what_a_device_cannot_follow_the_processor_does_and_runs_give_the_same_bytes() {
     let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
     let scene = evis_scene::builtin::load("warehouse", 0).unwrap();
     let settings = settings((96, 72));
     let own = simulate(&scene, &settings).unwrap();
-    let (none, _) = followed(&gpu, &scene, &settings, Tampering::Fail(1));
+    let (none, _) = followed(&devices, &scene, &settings, Tampering::Fail(1));
     assert!(none.events == own.events, "nothing on the device is what the processor finds, to the byte");
     assert_eq!((none.report.on_device, none.report.evaluations), (0, own.report.evaluations));
-    let [one, other] = [(); 2].map(|()| followed(&gpu, &scene, &settings, Tampering::None).0);
+    let [one, other] = [(); 2].map(|()| followed(&devices, &scene, &settings, Tampering::None).0);
     assert!(one.events == other.events && one.report.on_device > 0, "two runs");
     // Every third pixel by the processor: no event is lost and none comes twice.
-    let (mixed, _) = followed(&gpu, &scene, &settings, Tampering::Fail(3));
+    let (mixed, _) = followed(&devices, &scene, &settings, Tampering::Fail(3));
     let (pixels, same, _) = alike(&own.events, &mixed.events);
     assert!(mixed.report.refollowed > 500 && 100 * same > 98 * pixels, "{same} of {pixels}");
 }
