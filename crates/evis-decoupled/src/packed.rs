@@ -1,7 +1,7 @@
 //! What a device is given of a block, as `shaders/decoupled/layout.wgsl` reads it: 32 bits, indices in the place of references.
 //!
-//! Indices of a row of tiles count from where that row's own arrays begin, so that rows are packed side by side and joined
-//! without a second look at them.
+//! Indices of a row of tiles count from where that row's own arrays begin, so that rows are packed in parallel and joined by
+//! copies.
 
 use bytemuck::{Pod, Zeroable};
 
@@ -37,6 +37,7 @@ pub const COVERS: u32 = 1 << 31;
 
 /// A value over a block: middle, half of its range, and cycles at the start of the block and during it.
 pub type Wave = [f32; 4];
+
 /// A value that stays.
 pub const fn steady(value: f32) -> Wave {
     [value, 0.0, 0.0, 0.0]
@@ -136,6 +137,12 @@ pub struct Entry {
 /// Words of a lamp's shadows on an entry: pixels that are dark, pixels into which a shadow may come (low and high word of each),
 /// and its casters' first word and the one after their last.
 pub const SHADE_WORDS: usize = 6;
+
+/// Words of a caster: pixels that its shadow may darken (low and high word), and the first of its nine rows of [`Row::points`].
+pub const CASTER_WORDS: usize = 3;
+
+/// Rows of a facet in [`Scene::rows`].
+pub const LOOK_ROWS: usize = 4;
 
 /// A pixel, and what the device makes of it.
 #[repr(C)]

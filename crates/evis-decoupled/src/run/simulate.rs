@@ -170,7 +170,7 @@ struct Row {
     report: Report,
     /// What a device is given of the block in work, and for each of its pixels the number among `paths`.
     packer: RowPacker,
-    packed: Vec<usize>,
+    slots: Vec<usize>,
     /// Per tile, pixels that the device could not follow.
     failed: Vec<u64>,
 }
@@ -238,7 +238,7 @@ impl Pixels {
             events: Vec::new(),
             report: Report::default(),
             packer: RowPacker::default(),
-            packed: Vec::new(),
+            slots: Vec::new(),
             failed: vec![0; columns],
         };
         let device = match settings.devices.as_ref().filter(|_| ideal) {
@@ -336,7 +336,7 @@ impl Pixels {
                 fired.sort_by_key(|event| event.pixel);
                 let (mut pixels, mut first) = (&packed.pixels[..], 0);
                 for (index, row) in (from..).zip(rows) {
-                    let own = pixels.split_off(..row.packed.len()).unwrap_or_default();
+                    let own = pixels.split_off(..row.slots.len()).unwrap_or_default();
                     row.take(&evaluator, following, (first, own), &fired, index);
                     first += own.len();
                 }
@@ -476,8 +476,10 @@ impl Row {
     ) {
         self.columns.clear();
         self.samples.clear();
-        self.packed.clear();
-        self.packer.begin(centre_of(evaluator.world), times_of(evaluator.world, evaluator.block));
+        if packs {
+            self.slots.clear();
+            self.packer.begin(centre_of(evaluator.world), times_of(evaluator.world, evaluator.block));
+        }
         let columns = evaluator.lists.columns;
         let only = following.only.get(row * columns..(row + 1) * columns).unwrap_or_default();
         if !only.is_empty() && !only.contains(&true) {
@@ -511,7 +513,7 @@ impl Row {
         let block = evaluator.block;
         let start_us = block.start_us.floor() as i64 - following.start_us;
         let mut fired = &fired[fired.partition_point(|event| (event.pixel as usize) < first)..];
-        for ((index, pixel), &slot) in (first..).zip(pixels).zip(&self.packed) {
+        for ((index, pixel), &slot) in (first..).zip(pixels).zip(&self.slots) {
             let own = fired.iter().take_while(|event| event.pixel as usize == index).count();
             let own = fired.split_off(..own).unwrap_or_default();
             let (column, number) = (slot / PIXELS, slot % PIXELS);
@@ -643,13 +645,9 @@ impl Row {
             return true;
         }
         let Following { thresholds, step_px, .. } = following;
-        let mut added = Vec::new();
-        if !evaluator
-            .pack(work, entries, pixels, &mut self.packer, |pixel, packed| added.push((pixel, packed)))
-        {
-            return false;
-        }
-        for (pixel, mut packed) in added {
+        let Some(packed) = evaluator.pack(work, entries, pixels, &mut self.packer) else { return false };
+        for mut packed in packed {
+            let pixel = packed.number as usize;
             let (Some(activity), slot) = (&activities[pixel], column * PIXELS + pixel) else { continue };
             let path = self.paths[slot].get_or_insert_with(|| {
                 evaluator.enter_pixel(work, pixel);
@@ -659,7 +657,7 @@ impl Row {
             packed.least = PixelPath::least(*step_px, activity);
             path.pack(block, &mut packed);
             self.packer.row.pixels.push(packed);
-            self.packed.push(slot);
+            self.slots.push(slot);
         }
         true
     }

@@ -33,7 +33,7 @@ const MOST_FINER: u32 = 8;
 const MOST_PLACES: u32 = 2048;
 /// Times at which is seen how near cameras come.
 const TIMES: u32 = 5;
-/// Seconds that are looked at of a scene without an end.
+/// Seconds within which a scene of infinite length is sampled.
 const SECONDS: f64 = 1.0;
 /// Holes and specks of less than this many texels, or less than this part of their facet, are left out.
 const LEAST_AREA: f64 = 0.02;

@@ -209,6 +209,20 @@ mod tests {
     }
 
     #[test]
+    fn light_that_returns_to_darkness_reaches_the_level_it_came_from() {
+        let t = thresholds();
+        for high in (1..200).map(|k| 0.05 * f64::from(k)) {
+            let mut reference = Reference::at(t.log(0.0), &t);
+            let mut counts = [0; 2];
+            for [start, end] in [[0.0, high], [high, 0.0]] {
+                let piece = Piece { t_us: 0.0, length_us: 1e-6, start, end, bend: 0.0 };
+                piece.cross(&mut reference, &t, |_, p| counts[usize::from(p == Polarity::On)] += 1);
+            }
+            assert!(counts[1] > 10 && counts[0] == counts[1], "{high}: {counts:?}");
+        }
+    }
+
+    #[test]
     fn what_falls_below_darkness_fires_down_to_it() {
         let t = thresholds();
         let piece = Piece { t_us: 0.0, length_us: 1000.0, start: 1.0, end: 1.0, bend: 1.2e-5 };

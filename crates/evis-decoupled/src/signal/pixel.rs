@@ -264,23 +264,22 @@ impl Evaluator<'_> {
         })
     }
 
-    /// Appends to `packer` what the `pixels` of a tile may see, once their activities are known, and calls `add` with each of
-    /// them; false where a device cannot show it, and nothing is appended.
+    /// Appends to `packer` what the `pixels` of a tile may see, once their activities are known, and returns these, without their
+    /// paths; `None` where a device cannot show it, and nothing is appended.
     pub fn pack(
         &self,
         work: &mut Work,
         entries: &[Entry],
         pixels: u64,
         packer: &mut RowPacker,
-        mut add: impl FnMut(usize, packed::Pixel),
-    ) -> bool {
+    ) -> Option<Vec<packed::Pixel>> {
         let lighting = self.lighting;
         let record = |entry: &Entry| &self.lists.records[entry.record as usize];
         let seen = |entry: &&Entry| entry.touches & pixels != 0;
         let behind_all = lighting.plain_background().is_some() || pixels & !work.filled == 0;
         let plain = entries.iter().filter(seen).all(|entry| lighting.is_packable(record(entry).facet));
         if !(work.view.is_square() && behind_all && plain) {
-            return false;
+            return None;
         }
         work.light.enter_pixel(false);
         let mut numbers = vec![0; entries.len()];
@@ -289,7 +288,7 @@ impl Evaluator<'_> {
             lighting.shade_slot(&mut work.light, of.0, of.1, slot);
             numbers[slot] = lighting.pack_entry(&work.light, slot, of, packer);
         }
-        for pixel in bits(pixels) {
+        let packed = |pixel: usize| {
             let own = &work.own[work.owns[pixel][0] as usize..work.owns[pixel][1] as usize];
             let first = packer.row.words.len() as u32;
             let of = |own: &Own| numbers[own.slot] | if own.covers { packed::COVERS } else { 0 };
@@ -301,9 +300,9 @@ impl Evaluator<'_> {
             let (own_count, number) = (own.len() as u32, pixel as u32);
             let plain = |own: &Own| own.covers && !lighting.is_shadowed(&work.light, own.slot, pixel);
             let flags = if matches!(own, [own] if plain(own)) { packed::PLAIN } else { 0 };
-            add(pixel, packed::Pixel { centre, own: first, own_count, number, flags, ..Default::default() });
-        }
-        true
+            packed::Pixel { centre, own: first, own_count, number, flags, ..Default::default() }
+        };
+        Some(bits(pixels).map(packed).collect())
     }
 
     /// Number of the moment `unit` of [`UNITS`] of the block.

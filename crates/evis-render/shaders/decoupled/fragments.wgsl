@@ -25,15 +25,12 @@ var<private> fragments: array<Fragment, MOST_FRAGMENTS>;
 
 // Adds a half plane to fragment `k`; false where it keeps the facet out of the pixel.
 fn bound_fragment(k: u32, line: vec3<f32>) -> bool {
-    let far = reach(line);
-    if (line.z < -far) {
-        return false;
-    }
-    if (line.z < far) {
+    let side = side_of(line);
+    if (side == 0) {
         fragments[k].edges[fragments[k].edge_count] = line;
         fragments[k].edge_count += 1u;
     }
-    return true;
+    return side >= 0;
 }
 
 // Entry `own` of the pixel at part `u` of the block as fragment `k`; false where the pixel does not see it.
@@ -133,7 +130,6 @@ fn visible_part(k: u32, count: u32) -> u32 {
                 lines += 1u;
             }
         }
-        count_iterations(1u + lines);
         subtract_from(all_of(list), 1u - list, lines);
         list = 1u - list;
     }

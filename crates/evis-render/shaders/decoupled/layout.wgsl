@@ -94,6 +94,8 @@ struct Pixel {
 };
 
 const ROUNDS: u32 = 64u;
+// Of each round, and of the one after the last.
+const ROUND_COUNTS: u32 = ROUNDS + 1u;
 
 struct Turn {
     // In which each pixel is evaluated once at most.
@@ -113,7 +115,7 @@ struct Event {
 struct Events {
     used: atomic<u32>,
     // Pixels to evaluate, by round.
-    going_on: array<atomic<u32>, 65>,
+    going_on: array<atomic<u32>, ROUND_COUNTS>,
     fired: array<Event>,
 };
 
@@ -163,13 +165,15 @@ var<private> base: Bases;
 var<private> centre: vec2<f32>;
 var<private> number: u32;
 var<private> failed: bool;
-// Iterations of inner loops so far. Software drivers end all loops of 8 pixels after 65535 of them, without a word.
-var<private> iterations: u32;
-const MOST_ITERATIONS: u32 = 8000u;
 
-fn count_iterations(count: u32) {
-    iterations += count;
-    failed = failed || iterations > MOST_ITERATIONS;
+// Whether a loop of `count` iterations, two or more, has them. Software drivers end every loop of 8 pixels early, and report
+// nothing, once all their loops together had 65535 iterations.
+fn loops_run(count: u32) -> bool {
+    var turns = 0u;
+    for (var k = 0u; k < count; k++) {
+        turns += 1u;
+    }
+    return turns == count;
 }
 
 fn has_pixel(word: u32) -> bool {
@@ -183,6 +187,15 @@ fn wave_at(wave: vec4<f32>, u: f32) -> f32 {
 
 fn line_at(line: vec3<f32>, p: vec2<f32>) -> f32 {
     return line.x * p.x + line.y * p.y + line.z;
+}
+
+// 1 where `line` is not negative in all of the pixel, -1 where it is negative there, 0 where it crosses the pixel.
+fn side_of(line: vec3<f32>) -> i32 {
+    let far = reach(line);
+    if (line.z < -far) {
+        return -1;
+    }
+    return select(1, 0, line.z < far);
 }
 
 // Greatest distance of its values in the pixel from that at the centre.

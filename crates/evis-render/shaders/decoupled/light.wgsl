@@ -117,7 +117,7 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     let entry = fragments[k].entry;
     let unlit = (entries[entry].flags & UNLIT) != 0u;
     let lit = select(entries[entry].lit, 0u, unlit);
-    // Software drivers execute what no pixel asks for, too, so lamps whose shadows come into the pixel are found first.
+    // Software drivers execute both sides of every branch, so the lamps whose shadows come into the pixel are found first.
     var responses = select(1u, 0u, unlit);
     var shadowed = 0u;
     weights[0] = 1.0;
@@ -133,17 +133,17 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     var tasks = 1u;
     for (; !PLAIN && shadowed != 0u && !failed; shadowed &= shadowed - 1u) {
         let lamp = firstTrailingBit(shadowed);
-        let reached = reached_by(k, lamp, visible, m.area, u);
-        weights[lamp + 1u] *= reached.part;
-        let left = reached.moments.area / m.area;
-        let apart = reached.partly && left >= PARTLY_LIT.x && left < PARTLY_LIT.y;
+        let reached = reached_by(k, lamp, visible, m, u);
+        let left = clamp(reached.area / m.area, 0.0, 1.0);
+        weights[lamp + 1u] *= left;
+        let apart = left >= PARTLY_LIT.x && left < PARTLY_LIT.y;
         if (apart) {
             // What the lamp reaches may look otherwise than the rest.
-            task_moments[tasks] = reached.moments;
+            task_moments[tasks] = reached;
             task_responses[tasks] = 2u << lamp;
             tasks += 1u;
         }
-        if (apart || reached.part <= 0.0) {
+        if (apart || left <= 0.0) {
             responses &= ~(2u << lamp);
         }
     }
@@ -167,7 +167,6 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
 // Mean luminance of a pixel that may see several facets.
 fn light_of_all(own: u32, own_count: u32, u: f32) -> f32 {
     var count = 0u;
-    count_iterations(own_count);
     for (var k = 0u; k < own_count; k++) {
         if (count == MOST_FRAGMENTS) {
             failed = true;

@@ -295,6 +295,7 @@ fn follow_pixel(index: u32, pixel: Pixel) {
             events.fired[first + k] = Event(index, fired[k]);
         }
     }
+    failed = failed || !loops_run(pixel.own_count + 2u);
     pixels[index].last = last.luminance;
     pixels[index].before_us = before.t_us;
     pixels[index].before = before.luminance;
@@ -323,6 +324,5 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     centre = pixel.centre;
     number = pixel.number;
     failed = false;
-    iterations = 0u;
     follow_pixel(index, pixel);
 }

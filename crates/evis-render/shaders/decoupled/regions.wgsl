@@ -3,13 +3,16 @@
 
 const LIST_CORNERS: u32 = 72u;
 const LIST_POLYGONS: u32 = 14u;
+const ALL_CORNERS: u32 = 3u * LIST_CORNERS;
+const ALL_POLYGONS: u32 = 3u * LIST_POLYGONS;
+const KEPT: u32 = 2u;
 // Corners of a polygon in work.
 const MOST_CORNERS: u32 = 14u;
 // Part of a line's change over the pixel by which rounding may move it.
 const TOUCHING: f32 = 2e-6;
 
-var<private> list_corners: array<vec2<f32>, 216>;
-var<private> list_ends: array<u32, 42>;
+var<private> list_corners: array<vec2<f32>, ALL_CORNERS>;
+var<private> list_ends: array<u32, ALL_POLYGONS>;
 var<private> list_count: array<u32, 3>;
 // Corners in the list, those of an unfinished polygon included.
 var<private> list_used: array<u32, 3>;
@@ -71,17 +74,35 @@ fn close_polygon(list: u32) {
     list_count[list] += 1u;
 }
 
+// Polygons `first` up to `end` of a list.
+struct Range {
+    list: u32,
+    first: u32,
+    end: u32,
+};
+
+fn all_of(list: u32) -> Range {
+    return Range(list, 0u, list_count[list]);
+}
+
+// Where the corners of a polygon begin, and where they end.
+fn corners_of(list: u32, polygon: u32) -> vec2<u32> {
+    let ends = vec2<u32>(polygon_start(list, polygon), list_ends[list * LIST_POLYGONS + polygon]);
+    return ends + list * LIST_CORNERS;
+}
+
+fn copy_polygon(corners: vec2<u32>, to: u32) {
+    for (var c = corners.x; c < corners.y; c++) {
+        push_corner(to, list_corners[c]);
+    }
+    close_polygon(to);
+}
+
 // Appends a list to those that are kept.
 fn keep_list(list: u32) -> Range {
     let first = list_count[KEPT];
     for (var polygon = 0u; polygon < list_count[list] && !failed; polygon++) {
-        let start = list * LIST_CORNERS + polygon_start(list, polygon);
-        let end = list * LIST_CORNERS + list_ends[list * LIST_POLYGONS + polygon];
-        count_iterations(end - start + 1u);
-        for (var c = start; c < end; c++) {
-            push_corner(KEPT, list_corners[c]);
-        }
-        close_polygon(KEPT);
+        copy_polygon(corners_of(list, polygon), KEPT);
     }
     return Range(KEPT, first, list_count[KEPT]);
 }
@@ -95,7 +116,7 @@ fn push_part(part: u32, corner: vec2<f32>) {
     part_count[part] += 1u;
 }
 
-// What of part `from` lies inside `line` goes to the other part, what lies outside to list `rest`.
+// What of part `source` lies inside `line` goes to the other part, what lies outside to list `rest`.
 fn cut_part(source: u32, line: vec3<f32>, rest: u32) {
     let into = 1u - source;
     part_count[into] = 0u;
@@ -121,28 +142,11 @@ fn cut_part(source: u32, line: vec3<f32>, rest: u32) {
     close_polygon(rest);
 }
 
-const KEPT: u32 = 2u;
-
-// Polygons `first` up to `end` of a list.
-struct Range {
-    list: u32,
-    first: u32,
-    end: u32,
-};
-
-fn all_of(list: u32) -> Range {
-    return Range(list, 0u, list_count[list]);
-}
-
 // What of the polygons of `range` lies outside of the intersection of the first `lines` cutters goes to list `to`.
 fn subtract_from(range: Range, to: u32, lines: u32) {
-    let source = range.list;
     clear_list(to);
     for (var polygon = range.first; polygon < range.end && !failed; polygon++) {
-        let start = source * LIST_CORNERS + polygon_start(source, polygon);
-        let end = source * LIST_CORNERS + list_ends[source * LIST_POLYGONS + polygon];
-        // To find its sides, to copy it, and to cut it.
-        count_iterations((end - start + 1u) * (lines + 1u) + 1u);
+        let corners = corners_of(range.list, polygon);
         var crossing = 0u;
         var beside = false;
         for (var k = 0u; k < lines && !beside; k++) {
@@ -150,7 +154,7 @@ fn subtract_from(range: Range, to: u32, lines: u32) {
             let touching = TOUCHING * (abs(line.x) + abs(line.y));
             var inside = false;
             var outside = false;
-            for (var c = start; c < end; c++) {
+            for (var c = corners.x; c < corners.y; c++) {
                 let v = line_at(line, list_corners[c]);
                 inside |= v > touching;
                 outside |= v < -touching;
@@ -159,18 +163,14 @@ fn subtract_from(range: Range, to: u32, lines: u32) {
             crossing |= select(0u, 1u << k, outside);
         }
         if (beside) {
-            for (var c = start; c < end; c++) {
-                push_corner(to, list_corners[c]);
-            }
-            close_polygon(to);
+            copy_polygon(corners, to);
             continue;
         }
-        if (crossing == 0u || end - start > MOST_CORNERS) {
-            failed = failed || crossing != 0u;
+        if (crossing == 0u) {
             continue;
         }
         part_count[0] = 0u;
-        for (var c = start; c < end; c++) {
+        for (var c = corners.x; c < corners.y; c++) {
             push_part(0u, list_corners[c]);
         }
         var current = 0u;
@@ -178,7 +178,6 @@ fn subtract_from(range: Range, to: u32, lines: u32) {
             if (((crossing >> k) & 1u) == 0u) {
                 continue;
             }
-            count_iterations(part_count[current] + 1u);
             cut_part(current, cutters[k], to);
             current = 1u - current;
             if (part_count[current] < 3u) {
@@ -191,11 +190,9 @@ fn subtract_from(range: Range, to: u32, lines: u32) {
 fn moments_of(list: u32) -> Moments {
     var m = Moments(0.0, vec2<f32>(0.0), vec3<f32>(0.0));
     for (var polygon = 0u; polygon < list_count[list]; polygon++) {
-        let start = list * LIST_CORNERS + polygon_start(list, polygon);
-        let end = list * LIST_CORNERS + list_ends[list * LIST_POLYGONS + polygon];
-        count_iterations(end - start + 1u);
-        var a = list_corners[end - 1u];
-        for (var c = start; c < end; c++) {
+        let corners = corners_of(list, polygon);
+        var a = list_corners[corners.y - 1u];
+        for (var c = corners.x; c < corners.y; c++) {
             let b = list_corners[c];
             let turn = a.x * b.y - b.x * a.y;
             m.area += 0.5 * turn;

@@ -11,32 +11,18 @@ const SHRUNK: f32 = 1e-6;
 const SHADE_WORDS: u32 = 6u;
 const CASTER_WORDS: u32 = 3u;
 
-struct Reached {
-    // Part of the area that no shadow covers.
-    part: f32,
-    // Shadows leave some of it: where.
-    partly: bool,
-    moments: Moments,
-};
-
 fn on_plane(normal: vec3<f32>, through: f32, receiver: vec3<f32>) -> vec3<f32> {
     return normal - through * receiver;
 }
 
 // Adds a half plane of a shadow to the `count` cutters; false where it keeps the shadow out of the pixel.
 fn bound_shadow(count: ptr<function, u32>, line: vec3<f32>) -> bool {
-    let far = reach(line);
-    if (line.z == 0.0 && far == 0.0) {
-        return true;
-    }
-    if (line.z < -far) {
-        return false;
-    }
-    if (line.z < far) {
+    let side = side_of(line);
+    if (side == 0) {
         cutters[*count] = line;
         *count += 1u;
     }
-    return true;
+    return side >= 0;
 }
 
 // Makes cutters of the shadow of the facet at `row` of `points`, on the plane with the 1 / depth `receiver`: how many of them,
@@ -49,12 +35,12 @@ fn shadow_of(row: u32, lamp: u32, receiver: vec3<f32>, u: f32) -> i32 {
     let along = corners[1] - corners[0];
     let beside = corners[3] - corners[0];
     let normal = cross(along, beside);
-    // Nor does one that has shrunk to a line or a point.
+    // One that has shrunk to a line or a point throws none.
     if (length(normal) <= SHRUNK * length(corners[0]) * max(length(along), length(beside))) {
         return -1;
     }
     let height = dot(normal, place) - h.w * dot(normal, corners[0]);
-    // From a lamp in its own plane, but for rounding, a facet throws none.
+    // Nor does one whose plane holds the lamp, but for rounding.
     if (abs(height) <= IN_PLANE * length(normal) * (length(place) + h.w * length(corners[0]))) {
         return -1;
     }
@@ -83,15 +69,12 @@ fn shadow_of(row: u32, lamp: u32, receiver: vec3<f32>, u: f32) -> i32 {
     return i32(count);
 }
 
-// What part of fragment `k`, whose part of the pixel, of area `whole`, is `visible`, shadows leave to lamp `lamp`.
-fn reached_by(k: u32, lamp: u32, visible: Range, whole: f32, u: f32) -> Reached {
-    var reached = Reached(1.0, false, whole_pixel());
+// What shadows leave to lamp `lamp` of fragment `k`, of which the pixel sees what is `visible`, with the moments `m`.
+fn reached_by(k: u32, lamp: u32, visible: Range, m: Moments, u: f32) -> Moments {
     let shade = entries[fragments[k].entry].shades + SHADE_WORDS * lamp;
     var left = visible;
     let end = words[base.words + shade + 5u];
     for (var caster = words[base.words + shade + 4u]; caster < end && !failed; caster += CASTER_WORDS) {
-        // Its four edges.
-        count_iterations(select(1u, 5u, has_pixel(caster)));
         if (!has_pixel(caster)) {
             continue;
         }
@@ -106,11 +89,8 @@ fn reached_by(k: u32, lamp: u32, visible: Range, whole: f32, u: f32) -> Reached 
             break;
         }
     }
-    if (left.list != visible.list) {
-        reached.moments = moments_of(left.list);
-        let part = clamp(reached.moments.area / max(whole, 1e-12), 0.0, 1.0);
-        reached.partly = part < 1.0;
-        reached.part = part;
+    if (left.list == visible.list) {
+        return m;
     }
-    return reached;
+    return moments_of(left.list);
 }

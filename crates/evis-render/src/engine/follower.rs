@@ -136,7 +136,7 @@ impl Follower {
             return Ok(());
         }
         Err(Error::Device(format!(
-            "the {what} of a block take {} MB, and a binding of {} holds {}; choose a smaller picture or smaller textures, \
+            "the {what} take {} MB, and a binding of {} holds {}; choose a smaller picture or smaller textures, \
              or let the processor follow pixels",
             bytes >> 20,
             self.gpu.summary().name,

@@ -7,8 +7,10 @@ pub const GROUP: u32 = 64;
 
 /// Rounds of a submission, an even number: the list of the next one is where the first one's is.
 pub const ROUNDS: u32 = 64;
+/// Words of what is known of a pixel between rounds.
+pub const STATE_WORDS: u32 = 28;
 /// Words per pixel that stay on the device between rounds: two lists, and what is known of it.
-pub const SCRATCH_WORDS: u32 = 2 + 28;
+pub const SCRATCH_WORDS: u32 = 2 + STATE_WORDS;
 /// Words before the events: how many there are, and how many pixels go on in each round.
 pub const HEAD_WORDS: u32 = 2 + ROUNDS;
 

@@ -579,6 +579,35 @@ fn constants_agree() {
         let file = if name == "STREAM_START" { "chain/begin.wgsl" } else { "chain/walk.wgsl" };
         assert_eq!(constant(file, name), value, "{name}");
     }
+    use evis_decoupled::packed;
+    use evis_decoupled::signal::{path, pixel};
+    let decoupled_constants = [
+        ("MOST_OWN", packed::MOST_OWN as f64),
+        ("JUMPS", packed::JUMPS.into()),
+        ("PARALLEL", packed::PARALLEL.into()),
+        ("LIGHT_ALONE", packed::LIGHT_ALONE.into()),
+        ("DOUBLE_SIDED", packed::DOUBLE_SIDED.into()),
+        ("MIRRORED", packed::MIRRORED.into()),
+        ("CROSSES_NEAR", packed::CROSSES_NEAR.into()),
+        ("CROSSES_FAR", packed::CROSSES_FAR.into()),
+        ("UNLIT", packed::UNLIT.into()),
+        ("HAS_BEFORE", packed::HAS_BEFORE.into()),
+        ("RESTED", packed::RESTED.into()),
+        ("BEGINS", packed::BEGINS.into()),
+        ("COVERS", packed::COVERS.into()),
+        ("SHADE_WORDS", packed::SHADE_WORDS as f64),
+        ("CASTER_WORDS", packed::CASTER_WORDS as f64),
+        ("LOOK_ROWS", packed::LOOK_ROWS as f64),
+        ("UNITS", pixel::UNITS.into()),
+        ("INSTANT_US", path::INSTANT_US),
+        ("ROUNDS", decoupled::ROUNDS.into()),
+        ("STATE_WORDS", decoupled::STATE_WORDS.into()),
+    ];
+    for (name, value) in decoupled_constants {
+        assert_eq!(constant("decoupled/pixels.wgsl", name), value, "{name}");
+    }
+    // The counter of events, and a number for each round and the one after the last.
+    assert_eq!(wgsl_struct("decoupled/pixels.wgsl", "Events").0[2].1, 4 * decoupled::HEAD_WORDS);
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();
     assert_eq!(MAX_INSTANTS as usize, params.spans.len());

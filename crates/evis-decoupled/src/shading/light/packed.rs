@@ -97,12 +97,13 @@ impl Lighting<'_> {
             let row = |v: glam::DVec3, w: f32| [v.x as f32, v.y as f32, v.z as f32, w];
             let [along_s, along_t] = if look.shaded { look.base_along } else { Default::default() };
             let [origin_s, origin_t] = look.origin.map(|v| v as f32);
-            scene.rows.extend([
+            let rows: [_; packed::LOOK_ROWS] = [
                 row(look.base, f32::from_bits(texture)),
                 row(along_s, origin_s),
                 row(along_t, origin_t),
                 std::array::from_fn(|k| look.along.as_flattened()[k] as f32),
-            ]);
+            ];
+            scene.rows.extend(rows);
         }
         self.shared.textures.pack(&used, &mut scene);
         scene
@@ -176,8 +177,9 @@ impl Lighting<'_> {
                     .casters
                     .entry(*facet)
                     .or_insert_with(|| append(points, self.occluder(*facet).rows_about(packer.centre)));
-                row.words.extend(halves(*touches));
-                row.words.push(at);
+                let [low, high] = halves(*touches);
+                let words: [u32; packed::CASTER_WORDS] = [low, high, at];
+                row.words.extend(words);
             }
             lists = row.words.len();
             let [dark, touched] = [shade.dark, shade.touched].map(halves);
