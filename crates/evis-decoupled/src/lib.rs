@@ -25,7 +25,8 @@ pub mod visibility;
 
 pub use run::device::{Device, Devices};
 pub use run::limits::{CrowdedTiles, crowded, crowded_tiles, unsupported};
-pub use run::simulate::{Outcome, Report, Settings, luminance, luminance_of, simulate};
+pub use run::settings::{Report, Settings};
+pub use run::simulate::{Outcome, luminance, luminance_of, simulate};
 pub use run::stream::{Cost, Piece, Stream, StreamSettings, View};
 
 /// Why there are no events.

@@ -1,7 +1,10 @@
 //! What a device is given of a block, as `shaders/decoupled/layout.wgsl` reads it: 32 bits, indices in the place of references.
 //!
 //! Indices of a row of tiles count from where that row's own arrays begin, so that rows are packed in parallel and joined by
-//! copies.
+//! copies. What stays from block to block, or is part of several rows, is kept by the device and goes up once ([`Kept`]).
+
+use std::ops::Range;
+use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
@@ -54,7 +57,7 @@ pub struct Lamp {
     pub wave: Wave,
 }
 
-/// A block.
+/// What all pixels of a view share during a block.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
 pub struct Job {
@@ -78,20 +81,12 @@ pub struct Job {
     pub background: f32,
     /// Lamps in use.
     pub lamps: u32,
-    /// Pixels.
-    pub pixels: u32,
     /// [`JUMPS`] and what follows it.
     pub flags: u32,
-    /// Events that fit; the device's.
-    pub capacity: u32,
-    /// Row of [`Scene::rows`] at which texture number 0 begins.
-    pub textures: u32,
-    /// Row at which sums of texels begin.
-    pub sums: u32,
+    /// Row of [`Block::kept`]'s array at which appearances of facets begin.
+    pub looks: u32,
     /// Unit of the block at which light is found where it is all that is wanted.
     pub unit: u32,
-    /// Workgroups per row of the dispatch; the device's.
-    pub row: u32,
     /// Zero.
     pub pad_0: u32,
     /// Zero.
@@ -101,6 +96,9 @@ pub struct Job {
     /// Lamps.
     pub own: [Lamp; MOST_OWN],
 }
+
+/// Rows of four numbers that a [`Job`] takes.
+pub const JOB_ROWS: usize = size_of::<Job>() / size_of::<[f32; 4]>();
 
 /// A facet in a tile.
 #[repr(C)]
@@ -122,7 +120,7 @@ pub struct Entry {
     pub first: [f32; 2],
     /// How many are.
     pub count: [u32; 2],
-    /// First word of where nodes of its patches begin, moment by moment.
+    /// First word of where its patches begin, moment by moment.
     pub patches: u32,
     /// Intervals between moments; 0 where light does not change.
     pub intervals: u32,
@@ -141,7 +139,8 @@ pub const SHADE_WORDS: usize = 6;
 /// Words of a caster: pixels that its shadow may darken (low and high word), and the first of its nine rows of [`Row::points`].
 pub const CASTER_WORDS: usize = 3;
 
-/// Rows of a facet in [`Scene::rows`].
+/// Rows of a facet's appearance: base colour, and its texture's number plus 1; change of base colour along s and along t, with the
+/// texture's origin; change of texture coordinates.
 pub const LOOK_ROWS: usize = 4;
 
 /// A pixel, and what the device makes of it.
@@ -156,7 +155,7 @@ pub struct Pixel {
     pub own_count: u32,
     /// Number in its tile.
     pub number: u32,
-    /// Word from which its row's bases are: entries, words, points and nodes.
+    /// Word from which its row's bases are: entries, words and points, and the number of its view's job.
     pub bases: u32,
     /// Units between evaluations; 0 of one that only jumps.
     pub stride: u32,
@@ -194,6 +193,15 @@ pub struct Event {
     pub word: u32,
 }
 
+/// Rows that a device keeps, known by where they are: of patches, how many intervals there are along a side, then nodes, row by
+/// row, at each the response to unshadowed light and to each lamp; of a view, [`LOOK_ROWS`] per facet.
+pub type Kept = Arc<[[f32; 4]]>;
+
+/// What `kept` is known by, as long as it is there.
+pub fn place_of(kept: &Kept) -> usize {
+    Arc::as_ptr(kept).cast::<[f32; 4]>() as usize
+}
+
 /// What a row of tiles needs.
 #[derive(Clone, Debug, Default)]
 pub struct Row {
@@ -203,83 +211,86 @@ pub struct Row {
     pub words: Vec<u32>,
     /// Image points about the picture's centre as quadratics of time: nine rows each, by power and axis, of four corners.
     pub points: Vec<[f32; 4]>,
-    /// Patches: a row whose first number is how many intervals there are along a side, then nodes, row by row, at each the
-    /// response to unshadowed light and to each lamp.
-    pub nodes: Vec<[f32; 4]>,
+    /// Patches, each once.
+    pub patches: Vec<Kept>,
+    /// Ranges of `words` that are numbers of `patches`.
+    pub patch_words: Vec<Range<usize>>,
     /// Pixels to follow.
     pub pixels: Vec<Pixel>,
 }
 
 impl Row {
-    /// Bytes of each of its arrays.
-    fn bytes(&self) -> [usize; 5] {
-        let Self { entries, words, points, nodes, pixels } = self;
+    /// Bytes of each of its arrays, without patches.
+    pub fn bytes(&self) -> [usize; 4] {
+        let Self { entries, words, points, pixels, .. } = self;
         [
             size_of_val(&entries[..]),
             size_of_val(&words[..]),
             size_of_val(&points[..]),
-            size_of_val(&nodes[..]),
             size_of_val(&pixels[..]),
         ]
     }
-
-    /// How many of `rows`, one at least, have arrays of at most `room` bytes each when they are side by side.
-    pub fn that_fit<'r>(rows: impl Iterator<Item = &'r Self>, room: usize) -> usize {
-        let mut sums = [0; 5];
-        let fits = |row: &Self| {
-            for (sum, bytes) in sums.iter_mut().zip(row.bytes()) {
-                *sum += bytes;
-            }
-            sums.iter().all(|sum| *sum <= room)
-        };
-        rows.map(fits).take_while(|fits| *fits).count().max(1)
-    }
 }
 
-/// A block of a view, or of some rows of its tiles.
+/// A block of some views, or of some rows of their tiles.
 #[derive(Clone, Debug, Default)]
 pub struct Block {
-    /// What all pixels share.
-    pub job: Job,
     /// All rows' entries.
     pub entries: Vec<Entry>,
-    /// Four words per row, then all rows' words.
+    /// All rows' words, each with [`BASE_WORDS`] in front: where its arrays begin, and the number of its job.
     pub words: Vec<u32>,
     /// All rows' points.
     pub points: Vec<[f32; 4]>,
-    /// All rows' nodes.
-    pub nodes: Vec<[f32; 4]>,
+    /// Rows to keep, and the row of the device's array from which on they lie; what is before them stays.
+    pub kept: Vec<[f32; 4]>,
+    /// See there.
+    pub kept_from: u32,
     /// All rows' pixels.
     pub pixels: Vec<Pixel>,
+    /// Of each view.
+    pub jobs: Vec<Job>,
 }
 
 impl Block {
-    /// `rows` side by side.
-    pub fn new<'r>(job: Job, rows: impl Iterator<Item = &'r Row> + Clone) -> Self {
-        let mut block = Self { job, words: vec![0; 4 * rows.clone().count()], ..Self::default() };
-        for (number, row) in rows.enumerate() {
-            let bases = [block.entries.len(), block.words.len(), block.points.len(), block.nodes.len()];
-            block.words[4 * number..][..4].copy_from_slice(&bases.map(|at| at as u32));
-            block.entries.extend_from_slice(&row.entries);
-            block.words.extend_from_slice(&row.words);
-            block.points.extend_from_slice(&row.points);
-            block.nodes.extend_from_slice(&row.nodes);
-            let of = |pixel: &Pixel| Pixel { bases: 4 * number as u32, ..*pixel };
-            block.pixels.extend(row.pixels.iter().map(of));
+    /// Adds a row of the last of its views, whose patches are kept at the rows `patches` and after them.
+    pub fn add_row(&mut self, row: &Row, patches: &[u32]) {
+        let bases = self.words.len();
+        let first = bases + BASE_WORDS;
+        let job = self.jobs.len().saturating_sub(1);
+        let own: [usize; BASE_WORDS] = [self.entries.len(), first, self.points.len(), job];
+        self.words.extend(own.map(|at| at as u32));
+        self.entries.extend_from_slice(&row.entries);
+        self.words.extend_from_slice(&row.words);
+        for range in &row.patch_words {
+            for word in &mut self.words[first..][range.clone()] {
+                *word = patches[*word as usize];
+            }
         }
-        block.job.pixels = block.pixels.len() as u32;
-        block
+        self.points.extend_from_slice(&row.points);
+        let of = |pixel: &Pixel| Pixel { bases: bases as u32, ..*pixel };
+        self.pixels.extend(row.pixels.iter().map(of));
+    }
+
+    /// Bytes of each of its arrays, as [`Row::bytes`] has them.
+    pub fn bytes(&self) -> [usize; 4] {
+        let Self { entries, words, points, pixels, .. } = self;
+        [
+            size_of_val(&entries[..]),
+            size_of_val(&words[..]),
+            size_of_val(&points[..]),
+            size_of_val(&pixels[..]),
+        ]
     }
 }
 
-/// What stays from block to block.
+/// Words in front of a row's own.
+pub const BASE_WORDS: usize = 4;
+
+/// Textures.
 #[derive(Clone, Debug, Default)]
-pub struct Scene {
-    /// Four rows per facet: base colour and texture; its change along s and along t, with the texture's origin; change of texture
-    /// coordinates. From `textures` on two rows for each texture, then two per level; from `sums` on sums of texels along rows.
+pub struct Textures {
+    /// Two rows for each texture, then two per level; from `sums` on sums of texels along rows.
     pub rows: Vec<[f32; 4]>,
-    /// Where textures begin.
-    pub textures: u32,
     /// Where sums begin.
     pub sums: u32,
 }
@@ -294,14 +305,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_joined_as_far_as_they_fit() {
-        let row = |words: usize| Row { words: vec![7; words], ..Row::default() };
-        let rows = [row(10), row(20), row(30), row(100)];
-        let fit = |from: usize, words: usize| Row::that_fit(rows[from..].iter(), 4 * words);
-        assert_eq!([fit(0, 59), fit(0, 60), fit(0, 160), fit(0, 5), fit(3, 99)], [2, 3, 4, 1, 1]);
-        let block = Block::new(Job::default(), rows[1..3].iter());
-        // Four words per row, then their own.
-        assert_eq!((block.words[1], block.words[5], block.words.len()), (8, 28, 58));
-        assert!(block.words[8..].iter().all(|word| *word == 7));
+    fn rows_are_joined_and_their_patches_are_where_they_are_kept() {
+        let row = |words: &[u32], points: usize| Row {
+            words: words.to_vec(),
+            points: vec![[0.0; 4]; points],
+            patch_words: std::iter::once(1..3).collect(),
+            pixels: vec![Pixel::default(); 2],
+            ..Row::default()
+        };
+        let mut block = Block { jobs: vec![Job::default()], ..Block::default() };
+        block.add_row(&row(&[7, 1, 0, 9], 3), &[100, 200]);
+        block.jobs.push(Job::default());
+        block.add_row(&row(&[8, 0, 0], 1), &[300]);
+        assert_eq!(block.words, [0, 4, 0, 0, 7, 200, 100, 9, 0, 12, 3, 1, 8, 300, 300]);
+        assert_eq!(block.pixels.iter().map(|pixel| pixel.bases).collect::<Vec<_>>(), [0, 0, 8, 8]);
     }
 }

@@ -29,16 +29,12 @@ struct Timed(Followers, Arc<Mutex<Taken>>);
 struct TimedDevice(Box<dyn Device>, Arc<Mutex<Taken>>);
 
 impl Devices for Timed {
-    fn open(&self) -> Result<Box<dyn Device>, Error> {
-        Ok(Box::new(TimedDevice(self.0.open()?, Arc::clone(&self.1))))
+    fn open(&self, textures: &packed::Textures) -> Result<Box<dyn Device>, Error> {
+        Ok(Box::new(TimedDevice(self.0.open(textures)?, Arc::clone(&self.1))))
     }
 }
 
 impl Device for TimedDevice {
-    fn load(&mut self, scene: &packed::Scene) -> Result<(), Error> {
-        self.0.load(scene)
-    }
-
     fn room(&self) -> usize {
         self.0.room()
     }
@@ -54,7 +50,7 @@ impl Device for TimedDevice {
             size_of_val(&block.entries[..]),
             size_of_val(&block.words[..]),
             size_of_val(&block.points[..]),
-            size_of_val(&block.nodes[..]),
+            size_of_val(&block.kept[..]),
             2 * size_of_val(&block.pixels[..]),
             size_of_val(&events[..]),
         ];

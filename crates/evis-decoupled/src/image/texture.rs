@@ -35,7 +35,7 @@ const MOST_EXTENT: f64 = 2048.0;
 /// Texels beyond either end of a clamped line whose sums are kept.
 const BORDER: i32 = 48;
 /// A footprint of less than this many texels is a point.
-const POINT: f64 = 0.3;
+const POINT: f64 = 0.02;
 /// Places per texel along either axis, beyond one, where places are read.
 const DENSITY: f64 = 2.5;
 /// Places along either axis, at most.
@@ -437,11 +437,9 @@ impl Textures {
         means.iter().all(|m| m.is_finite()).then_some(())
     }
 
-    /// Appends the textures that are `used` to `scene`; of others a device knows no texels.
-    pub fn pack(&self, used: &[bool], scene: &mut packed::Scene) {
-        let first = scene.rows.len();
-        scene.textures = first as u32;
-        scene.rows.resize(first + 2 * self.textures.len(), [0.0; 4]);
+    /// The textures that are `used`, as a device has them; of others it knows no texels.
+    pub fn pack(&self, used: &[bool]) -> packed::Textures {
+        let mut rows = vec![[0.0; 4]; 2 * self.textures.len()];
         let mut all_sums: Vec<&[Vec4]> = Vec::new();
         let mut count = 0;
         for (number, texture) in self.textures.iter().enumerate().filter(|(number, _)| used[*number]) {
@@ -454,21 +452,22 @@ impl Textures {
                 Wrap::Mirror => 2,
             };
             let flags = wrap(texture.wrap_u) | wrap(texture.wrap_v) << 2 | u32::from(texture.nearest) << 4;
-            let levels = (scene.rows.len() - first) as u32;
-            scene.rows[first + 2 * number] = packed::as_floats([levels, chain.len() as u32, flags, 0]);
-            scene.rows[first + 2 * number + 1] = self.overall(number);
+            let levels = rows.len() as u32;
+            rows[2 * number] = packed::as_floats([levels, chain.len() as u32, flags, 0]);
+            rows[2 * number + 1] = self.overall(number);
             for (index, level) in chain.iter().enumerate() {
                 // Along rows only: columns would be as much again.
                 let sums = self.sums(number, index, false);
-                scene.rows.push(packed::as_floats([level.width as u32, level.height as u32, 0, 0]));
+                rows.push(packed::as_floats([level.width as u32, level.height as u32, 0, 0]));
                 let words = [count, sums.period as u32, sums.border as u32, sums.lines as u32];
-                scene.rows.push(packed::as_floats(words));
+                rows.push(packed::as_floats(words));
                 count += sums.sums.len() as u32;
                 all_sums.push(&sums.sums);
             }
         }
-        scene.sums = scene.rows.len() as u32;
-        scene.rows.extend(all_sums.into_iter().flatten().map(|sum| sum.to_array()));
+        let sums = rows.len() as u32;
+        rows.extend(all_sums.into_iter().flatten().map(|sum| sum.to_array()));
+        packed::Textures { rows, sums }
     }
 
     /// Sums of a level of texture `number` along rows, or along columns if `across`.

@@ -1,31 +1,29 @@
 //! Pixels that a device follows, in the place of the processor's cores.
 
+use std::collections::HashMap;
 use std::fmt::Debug;
+use std::sync::{Arc, Weak};
 
 use evis_core::{Event, Polarity};
+use evis_scene::Scene;
 
 use crate::Error;
-use crate::packed;
-use crate::shading::light::Lighting;
+use crate::hash::Words;
+use crate::packed::{self, Kept, place_of};
+use crate::shading::light::{Lighting, Shared};
 
-/// Opens devices: one for each view.
+/// Opens devices: one for all views of a stream.
 pub trait Devices: Debug + Send + Sync {
-    /// A device that nothing was loaded to.
+    /// A device with these textures, which keeps nothing yet.
     ///
     /// # Errors
-    /// It cannot be opened.
-    fn open(&self) -> Result<Box<dyn Device>, Error>;
+    /// It cannot be opened, or they do not fit.
+    fn open(&self, textures: &packed::Textures) -> Result<Box<dyn Device>, Error>;
 }
 
 /// What follows pixels through blocks as [`crate::signal::path::PixelPath::walk`] does, in 32 bits.
 pub trait Device: Send {
-    /// Takes what stays from block to block, in the place of what it had.
-    ///
-    /// # Errors
-    /// It does not fit, and why.
-    fn load(&mut self, scene: &packed::Scene) -> Result<(), Error>;
-
-    /// Bytes that arrays of a block may take, each.
+    /// Bytes that arrays of a block may take, each, and all that is kept.
     fn room(&self) -> usize;
 
     /// Follows the pixels of `block` and writes into them what became of them. Returns their events: those of one pixel in firing
@@ -36,40 +34,117 @@ pub trait Device: Send {
     fn follow(&mut self, block: &mut packed::Block) -> Result<Vec<packed::Event>, Error>;
 }
 
-/// A device, and which version of a view's light it has.
+/// A device, and what it keeps.
 pub(crate) struct Loaded {
     device: Box<dyn Device>,
-    version: Option<u64>,
-    /// Where its textures and sums begin.
-    places: [u32; 2],
+    /// By where it is: what is kept, and from which row on.
+    kept: HashMap<usize, (Kept, u32), Words>,
+    /// Rows that are kept.
+    rows: usize,
+    /// Appearances of facets that views have, or had.
+    looks: Vec<Weak<[[f32; 4]]>>,
+}
+
+/// A row of tiles of a view.
+#[derive(Clone, Copy)]
+pub(crate) struct ViewRow<'r> {
+    /// Index of the view.
+    pub view: usize,
+    /// What all its rows share, but for where its appearances are.
+    pub job: &'r packed::Job,
+    /// Appearances of its facets.
+    pub looks: &'r Kept,
+    /// What the row needs.
+    pub row: &'r packed::Row,
 }
 
 impl Loaded {
-    pub(crate) fn new(device: Box<dyn Device>) -> Self {
-        Self { device, version: None, places: [0; 2] }
+    /// One of `devices`, for views of `scene`.
+    ///
+    /// # Errors
+    /// As [`Devices::open`].
+    pub(crate) fn open(devices: &dyn Devices, scene: &Scene, shared: &Shared) -> Result<Self, Error> {
+        let device = devices.open(&shared.pack(scene))?;
+        Ok(Self { device, kept: HashMap::default(), rows: 0, looks: Vec::new() })
     }
 
-    /// See [`Device::room`].
-    pub(crate) fn room(&self) -> usize {
-        self.device.room()
+    /// Appearances of the facets of `lighting`, those of another view where they are the same.
+    pub(crate) fn looks(&mut self, lighting: &Lighting) -> Kept {
+        let rows = lighting.pack_looks();
+        self.looks.retain(|known| known.strong_count() > 0);
+        let bits: &[u32] = bytemuck::cast_slice(&rows);
+        let is_same = |known: &Kept| bytemuck::cast_slice::<_, u32>(known) == bits;
+        let known = self.looks.iter().filter_map(Weak::upgrade).find(is_same);
+        known.unwrap_or_else(|| {
+            let looks = Kept::from(rows);
+            self.looks.push(Arc::downgrade(&looks));
+            looks
+        })
     }
 
-    /// As [`Device::follow`], with the light of `lighting`.
+    /// Follows as many of `rows` as fit, one at least: what became of their pixels, row by row, their events in the order of
+    /// pixels, and how many rows they are.
+    ///
+    /// # Errors
+    /// As [`Device::follow`].
     pub(crate) fn follow(
         &mut self,
-        lighting: &Lighting,
-        block: &mut packed::Block,
-    ) -> Result<Vec<packed::Event>, Error> {
+        rows: &[ViewRow],
+    ) -> Result<(Vec<packed::Pixel>, Vec<packed::Event>, usize), Error> {
+        let (mut block, count) = self.gather(rows);
         if block.pixels.is_empty() {
-            return Ok(Vec::new());
+            return Ok((block.pixels, Vec::new(), count));
         }
-        if self.version != Some(lighting.version()) {
-            let scene = lighting.pack_scene();
-            self.device.load(&scene)?;
-            (self.version, self.places) = (Some(lighting.version()), [scene.textures, scene.sums]);
+        let mut fired = self.device.follow(&mut block)?;
+        // Stable: those of one pixel are in firing order.
+        fired.sort_by_key(|event| event.pixel);
+        Ok((block.pixels, fired, count))
+    }
+
+    /// As many of `rows` as fit, one at least, side by side.
+    fn gather(&mut self, rows: &[ViewRow]) -> (packed::Block, usize) {
+        let room = self.device.room();
+        let mut block = packed::Block { kept_from: self.rows as u32, ..packed::Block::default() };
+        let (mut count, mut view) = (0, None);
+        for own in rows {
+            let new = self.missing(own) * size_of::<[f32; 4]>();
+            let sums = block.bytes().into_iter().zip(own.row.bytes()).map(|(all, row)| all + row);
+            let fits = sums.max().is_some_and(|most| most <= room);
+            let keeps = self.rows * size_of::<[f32; 4]>() + new <= room;
+            if count > 0 && !(fits && keeps) {
+                break;
+            }
+            if !keeps {
+                // Nothing of this block lies there yet.
+                self.kept.clear();
+                (self.rows, block.kept_from) = (0, 0);
+            }
+            if view.replace(own.view) != Some(own.view) {
+                let looks = self.keep(own.looks, &mut block);
+                block.jobs.push(packed::Job { looks, ..*own.job });
+            }
+            let patches: Vec<u32> = own.row.patches.iter().map(|kept| self.keep(kept, &mut block)).collect();
+            block.add_row(own.row, &patches);
+            count += 1;
         }
-        [block.job.textures, block.job.sums] = self.places;
-        self.device.follow(block)
+        (block, count)
+    }
+
+    /// Rows that must go up before a row of tiles is followed.
+    fn missing(&self, own: &ViewRow) -> usize {
+        let parts = own.row.patches.iter().chain([own.looks]);
+        parts.filter(|kept| !self.kept.contains_key(&place_of(kept))).map(|kept| kept.len()).sum()
+    }
+
+    /// The first of the rows where `kept` is, or will be after `block` has gone up.
+    fn keep(&mut self, kept: &Kept, block: &mut packed::Block) -> u32 {
+        let (_, first) = self.kept.entry(place_of(kept)).or_insert_with(|| {
+            block.kept.extend_from_slice(kept);
+            let first = self.rows;
+            self.rows += kept.len();
+            (Arc::clone(kept), first as u32)
+        });
+        *first
     }
 }
 

@@ -10,8 +10,10 @@ use evis_core::random::Key;
 use evis_core::{Event, SensorConfig};
 use evis_scene::Scene;
 
-use crate::run::device::Devices;
-use crate::run::simulate::{Pixels, Report, Settings, picture, reference_luminance};
+use crate::run::device::{Devices, Loaded};
+use crate::run::pixels::{self, Pixels, Turn};
+use crate::run::settings::{Report, Settings};
+use crate::run::simulate::{picture, reference_luminance};
 use crate::scene::holes::Holes;
 use crate::scene::world::World;
 use crate::shading::light::{Lighting, Shared};
@@ -23,6 +25,9 @@ const LOOK: Duration = Duration::from_millis(20);
 
 /// Pieces that are simulated ahead of a slow reader, beside the one in work.
 const AHEAD: usize = 2;
+
+/// Pixels of views that a device follows together, at most: lists of all of them are there at a time.
+const MOST_PIXELS: f64 = 4e6;
 
 /// One camera of one environment.
 #[derive(Clone, Debug)]
@@ -289,10 +294,15 @@ fn follow(
         Pixels::new(&worlds[view], &settings.of(views, view), f64::from(reference), only)
     };
     let new = |view: usize| new_pixels(&views, view);
-    let mut pixels: Vec<Pixels> = (0..views.len()).map(new).collect::<Result<_, _>>()?;
+    let mut all_pixels: Vec<Pixels> = (0..views.len()).map(new).collect::<Result<_, _>>()?;
     if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
-        pixels[0].begin(&worlds[0], &picture, t_us);
+        all_pixels[0].begin(&worlds[0], &picture, t_us);
     }
+    let is_ideal = |view: &View| view.sensor.is_ideal();
+    let mut device = match settings.devices.as_ref().filter(|_| views.iter().any(is_ideal)) {
+        Some(devices) => Some(Loaded::open(&**devices, scene, &shared)?),
+        None => None,
+    };
     // Nobody waits for it: then the wanted times end, too.
     let _ = ready.send(Ok(reference));
 
@@ -300,19 +310,36 @@ fn follow(
         pixels.complete_us().unwrap_or(blocks.start_us().floor() as i64 - start_us)
     };
     let pixel_count = |world: &World| f64::from(world.lens.width) * f64::from(world.lens.height);
-    let all_pixels: f64 = worlds.iter().map(pixel_count).sum();
+    let sum: f64 = worlds.iter().map(pixel_count).sum();
     let whole = scene.host_poses.is_none() && settings.only.is_empty();
     let mut horizon_us = 0;
     loop {
-        let complete = |view: usize| complete_us(&pixels[view], &blocks[view]);
-        let behind = (0..views.len()).min_by_key(|&v| complete(v)).filter(|&v| complete(v) < horizon_us);
-        let Some((view, block)) = behind.and_then(|view| Some((view, blocks[view].pop()?))) else {
+        let complete: Vec<i64> =
+            all_pixels.iter().zip(&blocks).map(|(pixels, blocks)| complete_us(pixels, blocks)).collect();
+        let least_us = complete.iter().copied().min().filter(|t_us| *t_us < horizon_us);
+        let mut behind: Vec<bool> = complete.iter().map(|t_us| Some(*t_us) == least_us).collect();
+        // A device follows all of them at once, the processor one after the other.
+        let mut room = if device.is_some() { MOST_PIXELS } else { 0.0 };
+        for (behind, world) in behind.iter_mut().zip(&worlds) {
+            *behind &= room >= 0.0;
+            room -= if *behind { pixel_count(world) } else { 0.0 };
+        }
+        let began = Instant::now();
+        let mut turns = Vec::new();
+        let each = worlds.iter().zip(&mut lightings).zip(&mut all_pixels).zip(&mut blocks);
+        for (((((world, lighting), pixels), blocks), is_behind), view) in each.zip(&behind).zip(0..) {
+            if *is_behind && let Some(block) = blocks.pop() {
+                let jumps_next = blocks.next_jumps();
+                turns.push((view, Turn { world, lighting, pixels, block, jumps_next }));
+            }
+        }
+        if turns.is_empty() {
             match orders.recv() {
                 Ok(Order::Until(until_us)) => horizon_us = horizon_us.max(until_us),
                 Ok(Order::Restart(again)) => {
                     for (view, key) in again {
                         views[view].key = key;
-                        pixels[view] = new_pixels(&views, view)?;
+                        all_pixels[view] = new_pixels(&views, view)?;
                         blocks[view].jump();
                     }
                 }
@@ -320,23 +347,25 @@ fn follow(
                 Err(_) => return Ok(()),
             }
             continue;
-        };
-        let world = &worlds[view];
-        let began = Instant::now();
-        let at = (block, blocks[view].next_jumps());
-        let Some(events) = pixels[view].follow(world, &mut lightings[view], at, abort)? else {
-            return Ok(());
-        };
-        // A short block takes more than its part of a usual one.
-        if whole && 2.0 * block.length_us() >= world.block_us(most_us[view]) as f64 {
-            let of_all = began.elapsed().as_secs_f64() * all_pixels / pixel_count(world);
-            // Only the first is kept.
-            let _ = cost.0.set(of_all * 1e6 / block.length_us());
         }
-        let complete_us = complete_us(&pixels[view], &blocks[view]);
-        let report = pixels[view].report(&lightings[view]);
-        if pieces.send(Ok(Piece { view, complete_us, events, report })).is_err() {
-            return Ok(());
+        let (own, turns): (Vec<usize>, Vec<Turn>) = turns.into_iter().unzip();
+        // A short block takes more than its part of a usual one.
+        let is_usual = |(turn, view): (&Turn, &usize)| {
+            2.0 * turn.block.length_us() >= turn.world.block_us(most_us[*view]) as f64
+        };
+        let usual = turns.iter().zip(&own).all(is_usual);
+        let work: f64 = turns.iter().map(|turn| pixel_count(turn.world) * turn.block.length_us()).sum();
+        let Some(found) = pixels::follow(turns, device.as_mut(), abort)? else { return Ok(()) };
+        if whole && usual {
+            // Only the first is kept.
+            let _ = cost.0.set(began.elapsed().as_secs_f64() * 1e6 * sum / work);
+        }
+        for (view, events) in own.into_iter().zip(found) {
+            let complete_us = complete_us(&all_pixels[view], &blocks[view]);
+            let report = all_pixels[view].report(&lightings[view]);
+            if pieces.send(Ok(Piece { view, complete_us, events, report })).is_err() {
+                return Ok(());
+            }
         }
     }
 }

@@ -12,24 +12,22 @@ pub mod packed;
 mod shadows;
 mod times;
 
-use std::collections::HashMap;
-use std::hash::BuildHasher;
-use std::sync::{Arc, Mutex, OnceLock};
+use std::sync::{Arc, OnceLock};
 
 use evis_scene::motion::{WaveShape, Waveform};
 use evis_scene::{Light, LightFactors, Material, MaterialFactors, ShadingModel, TextureRef};
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::Error;
-use crate::hash::Words;
 use crate::image::maps::{Map as TextureMap, Maps};
 use crate::image::texture::{Cells, Textures};
-use crate::packed::MOST_OWN;
+use crate::packed::{Kept, MOST_OWN, as_floats};
 use crate::scene::facets::{Facet, bounding_box, wide};
 use crate::scene::screen::{Depths, Screen};
 use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
 use crate::scene::world::{Frame, World};
 use crate::shading::bounds::{Bounds, ranges};
+use crate::shading::cache::Cache;
 use crate::shading::material::{self, Around, Lamp, Response, respond};
 use crate::shading::moments::{self, FacetAt, Times};
 use crate::shading::pages::{Pages, Picture};
@@ -61,8 +59,6 @@ const SKY_PLACES: u32 = 6;
 const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.
 const WHOLE: PixelFrame = PixelFrame::square([0.0; 2]);
-/// Maps that share the work of a lock.
-const SHARDS: usize = 64;
 
 /// What never changes of a facet's appearance.
 #[derive(Clone, Debug)]
@@ -122,8 +118,6 @@ impl Key {
     }
 }
 
-type Map<T> = Mutex<HashMap<Key, Arc<T>, Words>>;
-
 /// World corners and normals of a moving surface's vertices, at both ends of a block.
 type Corners = Vec<(DVec3, DVec3)>;
 
@@ -131,8 +125,9 @@ type Corners = Vec<(DVec3, DVec3)>;
 struct Patch {
     /// Intervals along either side.
     intervals: u32,
-    /// Row by row; at each node the response to unshadowed light, then to each lamp of [`Lighting::own`].
-    nodes: Box<[[f32; 4]]>,
+    /// As a device has them: `intervals`, then nodes, row by row, at each the response to unshadowed light, then to each lamp
+    /// of [`Lighting::own`].
+    rows: Kept,
     /// Bits of the lamps of [`Lighting::own`] that light any of it.
     lit: u8,
     /// Least and greatest values of all nodes, as a node has them.
@@ -168,8 +163,8 @@ pub struct Lighting<'a> {
     tangents: Vec<[Vec<(DVec3, f64)>; 2]>,
     /// Keys of the block's start and end.
     borders: [u64; 2],
-    patches: Vec<Map<Patch>>,
-    shadowed: Vec<Map<Shadowed>>,
+    patches: Cache<Key, Patch>,
+    shadowed: Cache<Key, Shadowed>,
     /// Number of the block, from 1.
     block: u64,
     /// Of materials and lights: how often they were found to be others.
@@ -370,7 +365,7 @@ impl<'a> Lighting<'a> {
                 follows_view: m.model == ShadingModel::MetallicRoughness,
                 glow: material::LUMINANCE.dot(glow),
                 waveform: m.emission_waveform.filter(|w| !w.rests()),
-                maps: Maps::of(m).filter(|_| m.model != ShadingModel::Unlit).map(|maps| Mapped {
+                maps: mapped(m).map(|maps| Mapped {
                     maps,
                     metallic: f64::from(own.metallic),
                     roughness: f64::from(own.roughness),
@@ -393,8 +388,8 @@ impl<'a> Lighting<'a> {
             corners: Vec::new(),
             tangents: Vec::new(),
             borders: [0; 2],
-            patches: (0..SHARDS).map(|_| Map::default()).collect(),
-            shadowed: (0..SHARDS).map(|_| Map::default()).collect(),
+            patches: Cache::default(),
+            shadowed: Cache::default(),
             block: 0,
             version: 0,
             shaded: Default::default(),
@@ -463,10 +458,9 @@ impl<'a> Lighting<'a> {
         });
         // At a jump, what held before the border does not hold after it.
         self.borders = [moments::key(block.start_us, block.jump), moments::key(block.end_us, false)];
-        for shard in &mut self.patches {
-            let map = shard.get_mut().unwrap_or_else(std::sync::PoisonError::into_inner);
-            map.retain(|key, _| key.border == 0 || self.borders.contains(&key.border));
-        }
+        let borders = self.borders;
+        self.patches.retain(self.block, |key| key.border == 0 || borders.contains(&key.border));
+        self.shadowed.retain(self.block, |_| true);
         Ok(())
     }
 
@@ -614,15 +608,7 @@ impl<'a> Lighting<'a> {
 
     /// Light of a cell, shaded where nobody has.
     fn patch(&self, key: Key, facet: &FacetAt) -> Arc<Patch> {
-        let shard = &self.patches[shard_of(&key)];
-        let lock = || shard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some(known) = lock().get(&key) {
-            return known.clone();
-        }
-        // Whoever comes second computes the same: a cell's light depends on its key alone.
-        let patch = Arc::new(self.shade_patch(&key, facet));
-        lock().insert(key, patch.clone());
-        patch
+        self.patches.get(key, self.block, |key| self.shade_patch(key, facet))
     }
 
     /// Shades a cell at ever more nodes, until light in the middle between nodes is what these say.
@@ -689,7 +675,8 @@ impl<'a> Lighting<'a> {
             }
         }
         let ranges = ranges(&nodes, lamps);
-        Patch { intervals, nodes: nodes.into(), lit, ranges }
+        let head = as_floats([intervals, 0, 0, 0]);
+        Patch { intervals, rows: std::iter::once(head).chain(nodes).collect(), lit, ranges }
     }
 
     fn shade(&self, facet: &FacetAt, place: [f64; 2], out: &mut Vec<[f32; 4]>) {
@@ -866,7 +853,7 @@ impl<'a> Lighting<'a> {
             let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
             let mut sum = [0.0_f32; 4];
             for (offset, weight) in [0, 1, row, row + 1].into_iter().zip(weights) {
-                let node = &patch.nodes[(corner + offset) * lamps + lamp];
+                let node = &patch.rows[1 + (corner + offset) * lamps + lamp];
                 for k in 0..4 {
                     sum[k] += weight * node[k];
                 }
@@ -992,6 +979,11 @@ pub struct Part<'a> {
     pub frame: PixelFrame,
 }
 
+/// Maps of `material` by which its light varies from texel to texel, where it has any.
+fn mapped(material: &Material) -> Option<Maps> {
+    Maps::of(material).filter(|_| material.model != ShadingModel::Unlit)
+}
+
 /// A sphere that holds the `points`.
 fn sphere(points: impl Iterator<Item = DVec3> + Clone) -> (DVec3, f64) {
     let [low, high] = bounding_box(points);
@@ -1002,10 +994,6 @@ fn sphere(points: impl Iterator<Item = DVec3> + Clone) -> (DVec3, f64) {
 fn part_between([p, q, _, r]: [DVec3; 4], [low, high]: [[f64; 2]; 2]) -> [DVec3; 4] {
     let corners = [[low[0], low[1]], [high[0], low[1]], [high[0], high[1]], [low[0], high[1]]];
     corners.map(|[s, t]| p + (q - p) * s + (r - p) * t)
-}
-
-fn shard_of(key: &Key) -> usize {
-    (Words::default().hash_one(key) >> 32) as usize % SHARDS
 }
 
 fn whole_mean(textures: &Textures, texture: TextureRef) -> [f32; 4] {

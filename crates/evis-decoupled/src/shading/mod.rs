@@ -1,6 +1,7 @@
 //! What a facet sends to a pixel: response of its material, shadows, and what is kept of both.
 
 pub mod bounds;
+pub mod cache;
 pub mod keyframe;
 pub mod light;
 pub mod material;

@@ -4,12 +4,7 @@ override PLAIN: bool = false;
 // What the host packs of a block (`packed` of evis-decoupled). Indices of a row of tiles count from the bases that
 // its pixels name.
 
-struct Lamp {
-    // Homogeneous image point about the picture's centre as a quadratic of the block's time; w: 1 for a place, 0 for a direction.
-    points: array<vec4<f32>, 3>,
-    wave: vec4<f32>,
-};
-
+// What all pixels of a view share during a block.
 struct Job {
     length_us: f32,
     // What the block begins at beyond a whole microsecond.
@@ -23,22 +18,36 @@ struct Job {
     far: f32,
     background: f32,
     lamps: u32,
-    pixels: u32,
     flags: u32,
-    // Events that fit.
-    capacity: u32,
-    // Rows of `fixed` at which texture number 0 begins, and sums of texels.
-    textures: u32,
-    sums: u32,
+    // Row of `kept` at which appearances of facets begin.
+    looks: u32,
     // Where light is found if that is all that is wanted.
     unit: u32,
-    // Workgroups per row of the dispatch.
-    row: u32,
     pad_0: u32,
     pad_1: u32,
     pad_2: u32,
-    own: array<Lamp, MOST_OWN>,
 };
+
+// What all pixels of a submission share.
+struct Batch {
+    pixels: u32,
+    // Events that fit.
+    capacity: u32,
+    // Workgroups per row of the dispatch.
+    row: u32,
+    // Row of `points` at which jobs begin.
+    jobs: u32,
+    // Row of `fixed` at which sums of texels begin.
+    sums: u32,
+    pad_0: u32,
+    pad_1: u32,
+    pad_2: u32,
+};
+
+// Rows of a job: its own, then those of its lamps.
+const HEAD_ROWS: u32 = 4u;
+const LAMP_ROWS: u32 = 4u;
+const JOB_ROWS: u32 = HEAD_ROWS + LAMP_ROWS * MOST_OWN;
 
 // A facet in a tile.
 struct Entry {
@@ -54,7 +63,7 @@ struct Entry {
     // First cell that is kept, and how many.
     first: vec2<f32>,
     count: vec2<u32>,
-    // First word of where the nodes of its patches begin.
+    // First word of where its patches begin in `kept`.
     patches: u32,
     intervals: u32,
     // Bits of lamps of which some arrives.
@@ -73,7 +82,7 @@ struct Pixel {
     own_count: u32,
     // Number in its tile.
     number: u32,
-    // Four words: where its row's entries, words, points and nodes begin.
+    // Four words: where its row's entries, words and points begin, and the number of its job.
     bases: u32,
     // Units between evaluations, and the least to which intervals are halved.
     stride: u32,
@@ -94,8 +103,8 @@ struct Pixel {
 };
 
 const ROUNDS: u32 = 64u;
-// Of each round, and of the one after the last.
-const ROUND_COUNTS: u32 = ROUNDS + 1u;
+// Of each round, and of the one after the last; of plain pixels, and then of all others.
+const ROUND_COUNTS: u32 = 2u * (ROUNDS + 1u);
 
 struct Turn {
     // In which each pixel is evaluated once at most.
@@ -140,16 +149,18 @@ const MOST_OWN: u32 = 8u;
 const UNITS: u32 = 3072u;
 const TAU: f32 = 6.283185307179586;
 
-@group(0) @binding(0) var<uniform> job: Job;
+@group(0) @binding(0) var<uniform> batch: Batch;
 @group(0) @binding(1) var<storage, read> entries: array<Entry>;
 @group(0) @binding(2) var<storage, read> words: array<u32>;
 @group(0) @binding(3) var<storage, read> points: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> nodes: array<vec4<f32>>;
-// Appearances of facets, textures, and sums of texels.
+// What stays from block to block: patches and appearances of facets.
+@group(0) @binding(4) var<storage, read> kept: array<vec4<f32>>;
+// Textures, and sums of texels.
 @group(0) @binding(5) var<storage, read> fixed: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<Pixel>;
 @group(0) @binding(7) var<storage, read_write> events: Events;
-// Pixels to evaluate in even rounds and in odd ones, then where each of them is.
+// Pixels to evaluate in even rounds and in odd ones, plain ones from the front and others from the back; then where each of
+// them is.
 @group(0) @binding(8) var<storage, read_write> scratch: array<u32>;
 @group(0) @binding(9) var<uniform> turn: Turn;
 
@@ -157,14 +168,41 @@ struct Bases {
     entries: u32,
     words: u32,
     points: u32,
-    nodes: u32,
+    // Row of `points` at which lamps begin.
+    lamps: u32,
 };
 
 // The pixel in work.
 var<private> base: Bases;
+var<private> job: Job;
 var<private> centre: vec2<f32>;
 var<private> number: u32;
 var<private> failed: bool;
+
+// Goes to the row of tiles whose bases are at word `at`, and to its job.
+fn enter_row(at: u32) {
+    let row = batch.jobs + words[at + 3u] * JOB_ROWS;
+    base = Bases(words[at], words[at + 1u], words[at + 2u], row + HEAD_ROWS);
+    let a = points[row];
+    let b = points[row + 1u];
+    let c = points[row + 2u];
+    let d = points[row + 3u];
+    let numbers = bitcast<vec4<u32>>(c);
+    let unit = bitcast<u32>(d.x);
+    job = Job(
+        a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, numbers.y, numbers.z, numbers.w, unit, 0u, 0u, 0u
+    );
+}
+
+// Homogeneous image point of a lamp about the picture's centre, and its weight: 1 for a place, 0 for a direction.
+fn lamp_at(lamp: u32, u: f32) -> vec4<f32> {
+    let row = base.lamps + LAMP_ROWS * lamp;
+    return points[row] + u * (points[row + 1u] + u * points[row + 2u]);
+}
+
+fn lamp_strength(lamp: u32, u: f32) -> f32 {
+    return wave_at(points[base.lamps + LAMP_ROWS * lamp + 3u], u);
+}
 
 // Whether a loop of `count` iterations, two or more, has them. Software drivers end every loop of 8 pixels early, and report
 // nothing, once all their loops together had 65535 iterations.

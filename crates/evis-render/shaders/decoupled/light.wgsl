@@ -3,7 +3,7 @@
 #import common/luminance.wgsl
 // Light that a pixel gets at a time.
 
-// Rows of `fixed` per facet: base colour with the texture's number plus 1 in w, its change along s and along t with
+// Rows of `kept` per facet: base colour with the texture's number plus 1 in w, its change along s and along t with
 // the texture's origin in w, and the change of texture coordinates.
 const LOOK_ROWS: u32 = 4u;
 // Where shadows leave such a part of an area, base colour is averaged over what they leave.
@@ -26,10 +26,10 @@ fn surface_of(k: u32, m: Moments) -> Surface {
     let place_t = fragments[k].place_t;
     let depth = 1.0 / line_at(weight, at);
     let place = vec2<f32>(line_at(place_s, at), line_at(place_t, at)) * depth;
-    let look = fragments[k].facet * LOOK_ROWS;
-    let first = fixed[look];
-    let along_s = fixed[look + 1u];
-    let along_t = fixed[look + 2u];
+    let look = job.looks + fragments[k].facet * LOOK_ROWS;
+    let first = kept[look];
+    let along_s = kept[look + 1u];
+    let along_t = kept[look + 2u];
     var color = first.xyz + along_s.xyz * place.x + along_t.xyz * place.y;
     let texture = bitcast<u32>(first.w);
     if (texture > 0u) {
@@ -41,7 +41,7 @@ fn surface_of(k: u32, m: Moments) -> Surface {
         let side = sqrt(12.0);
         let p = vec2<f32>(side * l, side * across);
         let q = vec2<f32>(0.0, side * n);
-        let texels = fixed[look + 3u];
+        let texels = kept[look + 3u];
         let right = vec2<f32>(place_s.x - place.x * weight.x, place_t.x - place.y * weight.x) * depth;
         let down = vec2<f32>(place_s.y - place.x * weight.y, place_t.y - place.y * weight.y) * depth;
         let right_texels = texels.xy * right.x + texels.zw * right.y;
@@ -60,15 +60,15 @@ fn surface_of(k: u32, m: Moments) -> Surface {
 
 // A patch's nodes at `within` of it, for lamp `lamp` of `lamps`.
 fn patch_at(word: u32, within: vec2<f32>, lamp: u32, lamps: u32) -> vec4<f32> {
-    let start = base.nodes + words[base.words + word];
-    let intervals = bitcast<u32>(nodes[start].x);
+    let start = words[base.words + word];
+    let intervals = bitcast<u32>(kept[start].x);
     let at = within * f32(intervals);
     let low = min(vec2<u32>(at), vec2<u32>(intervals - 1u));
     let w = at - vec2<f32>(low);
     let row = intervals + 1u;
     let corner = start + 1u + (low.y * row + low.x) * lamps + lamp;
-    let upper = mix(nodes[corner], nodes[corner + lamps], w.x);
-    let lower = mix(nodes[corner + row * lamps], nodes[corner + (row + 1u) * lamps], w.x);
+    let upper = mix(kept[corner], kept[corner + lamps], w.x);
+    let lower = mix(kept[corner + row * lamps], kept[corner + (row + 1u) * lamps], w.x);
     return mix(upper, lower, w.y);
 }
 
@@ -124,7 +124,7 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     for (var lamp = 0u; lamp < job.lamps; lamp++) {
         let shade = entries[entry].shades + SHADE_WORDS * lamp;
         if (((lit >> lamp) & 1u) == 1u && !has_pixel(shade)) {
-            weights[lamp + 1u] = wave_at(job.own[lamp].wave, u);
+            weights[lamp + 1u] = lamp_strength(lamp, u);
             responses |= 2u << lamp;
             shadowed |= select(0u, 1u << lamp, has_pixel(shade + 2u));
         }

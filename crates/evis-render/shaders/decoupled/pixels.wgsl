@@ -32,6 +32,16 @@ var<private> below: f32;
 var<private> fired: array<u32, MOST_EVENTS>;
 var<private> fired_count: u32;
 
+// Where it is counted how many pixels of this kind go on in a round.
+fn count_at(round: u32) -> u32 {
+    return round + select(ROUNDS + 1u, 0u, PLAIN);
+}
+
+// Where pixel number `number` of this kind is listed in a round.
+fn slot_at(round: u32, number: u32) -> u32 {
+    return (round % 2u) * batch.pixels + select(batch.pixels - 1u - number, number, PLAIN);
+}
+
 fn dark_floor() -> f32 {
     return job.log_eps * job.reference_luminance;
 }
@@ -189,7 +199,7 @@ const AT_CUT: u32 = 3u;
 const AT_END: u32 = 4u;
 
 fn follow_pixel(index: u32, pixel: Pixel) {
-    let state = 2u * job.pixels + index * STATE_WORDS;
+    let state = 2u * batch.pixels + index * STATE_WORDS;
     let alone = (job.flags & LIGHT_ALONE) != 0u;
     let jumps = (job.flags & JUMPS) != 0u && !alone;
     let is_cut = job.length_us <= INSTANT_US;
@@ -290,7 +300,7 @@ fn follow_pixel(index: u32, pixel: Pixel) {
     if (fired_count > 0u && !failed) {
         // Where its events begin depends on who comes first; those of one pixel are in order.
         let first = atomicAdd(&events.used, fired_count);
-        failed = first + fired_count > job.capacity;
+        failed = first + fired_count > batch.capacity;
         for (var k = 0u; k < fired_count && !failed; k++) {
             events.fired[first + k] = Event(index, fired[k]);
         }
@@ -306,21 +316,20 @@ fn follow_pixel(index: u32, pixel: Pixel) {
     pixels[index].evaluations = pixel.evaluations + 1u;
     pixels[index].failed = select(0u, 1u, failed);
     if (!done && !failed) {
-        let next = atomicAdd(&events.going_on[turn.round + 1u], 1u);
-        scratch[((turn.round + 1u) % 2u) * job.pixels + next] = index;
+        let next = atomicAdd(&events.going_on[count_at(turn.round + 1u)], 1u);
+        scratch[slot_at(turn.round + 1u, next)] = index;
     }
 }
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let slot = (group.y * job.row + group.x) * 64u + local;
-    if (slot >= atomicLoad(&events.going_on[turn.round])) {
+    let slot = (group.y * batch.row + group.x) * 64u + local;
+    if (slot >= atomicLoad(&events.going_on[count_at(turn.round)])) {
         return;
     }
-    let index = scratch[(turn.round % 2u) * job.pixels + slot];
+    let index = scratch[slot_at(turn.round, slot)];
     let pixel = pixels[index];
-    let at = pixel.bases;
-    base = Bases(words[at], words[at + 1u], words[at + 2u], words[at + 3u]);
+    enter_row(pixel.bases);
     centre = pixel.centre;
     number = pixel.number;
     failed = false;

@@ -29,8 +29,7 @@ fn bound_shadow(count: ptr<function, u32>, line: vec3<f32>) -> bool {
 // or -1 where it does not reach the pixel.
 fn shadow_of(row: u32, lamp: u32, receiver: vec3<f32>, u: f32) -> i32 {
     let corners = corners_at(row, u);
-    let powers = job.own[lamp].points;
-    let h = powers[0] + u * (powers[1] + u * powers[2]);
+    let h = lamp_at(lamp, u);
     let place = vec3<f32>(h.xy - centre * h.z, h.z);
     let along = corners[1] - corners[0];
     let beside = corners[3] - corners[0];

@@ -8,7 +8,7 @@ const MOST_PARTS: u32 = 8u;
 const GAUSS: f32 = 0.28867513;
 const FLAT: f32 = 1e-6;
 const MOST_TEXTURE_LINES: f32 = 128.0;
-const POINT: f32 = 0.3;
+const POINT: f32 = 0.02;
 const DENSITY: f32 = 2.5;
 const MOST_PLACES: f32 = 16.0;
 const BLUR: f32 = 0.02;
@@ -61,10 +61,10 @@ fn wrapped(index: i32, size: i32, wrap: u32) -> i32 {
 }
 
 fn head_of(texture: u32) -> TextureHead {
-    let row = job.textures + 2u * texture;
+    let row = 2u * texture;
     let words = bitcast<vec4<u32>>(fixed[row]);
     return TextureHead(
-        job.textures + words.x,
+        words.x,
         words.y,
         words.z & 3u,
         (words.z >> 2u) & 3u,
@@ -79,7 +79,7 @@ fn size_of(head: TextureHead, level: u32) -> vec2<i32> {
 
 fn lines_of(head: TextureHead, level: u32) -> Lines {
     let words = bitcast<vec4<u32>>(fixed[head.levels + 2u * level + 1u]);
-    return Lines(job.sums + words.x, i32(words.y), i32(words.z), i32(words.w), head.wrap_v);
+    return Lines(batch.sums + words.x, i32(words.y), i32(words.z), i32(words.w), head.wrap_v);
 }
 
 fn line_start(line: i32) -> u32 {

@@ -2,6 +2,8 @@
 
 use std::sync::mpsc::{Receiver, channel};
 
+use crate::gpu::Gpu;
+use crate::gpu::commands::Commands;
 use crate::gpu::sizes::UNIFORM_ALIGNMENT;
 
 /// A buffer that grows to what is written into it.
@@ -33,6 +35,19 @@ impl GrowingBuffer {
             queue.write_buffer(&self.buffer, 0, bytes);
         }
         grown
+    }
+
+    /// Writes `bytes` from byte `at` on, and keeps what lies before. Its usage must let it be copied.
+    pub fn write_after(&mut self, gpu: &Gpu, at: u64, bytes: &[u8]) {
+        let old = self.buffer.clone();
+        if self.reserve(&gpu.device, at + bytes.len() as u64) && at > 0 {
+            let mut commands = Commands::new(gpu, "what a buffer keeps that grows");
+            commands.copy_buffer_to_buffer(&old, 0, &self.buffer, 0, at);
+            commands.submit(gpu);
+        }
+        if !bytes.is_empty() {
+            gpu.queue.write_buffer(&self.buffer, at, bytes);
+        }
     }
 
     /// The buffer of now.

@@ -316,6 +316,28 @@ pub struct ScanParams {
     pub event_capacity: u32,
 }
 
+/// `Batch` in `decoupled/layout.wgsl`.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
+pub struct Batch {
+    /// Pixels.
+    pub pixels: u32,
+    /// Events that fit.
+    pub capacity: u32,
+    /// Workgroups per row of a dispatch.
+    pub row: u32,
+    /// Row of points at which jobs begin.
+    pub jobs: u32,
+    /// Row of textures at which sums of texels begin.
+    pub sums: u32,
+    /// Zero.
+    pub pad_0: u32,
+    /// Zero.
+    pub pad_1: u32,
+    /// Zero.
+    pub pad_2: u32,
+}
+
 /// `Turn` in `decoupled/layout.wgsl`.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]

@@ -11,16 +11,16 @@ pub const ROUNDS: u32 = 64;
 pub const STATE_WORDS: u32 = 28;
 /// Words per pixel that stay on the device between rounds: two lists, and what is known of it.
 pub const SCRATCH_WORDS: u32 = 2 + STATE_WORDS;
-/// Words before the events: how many there are, and how many pixels go on in each round.
-pub const HEAD_WORDS: u32 = 2 + ROUNDS;
+/// Words before the events: how many there are, then how many pixels go on in each round, plain ones and others.
+pub const HEAD_WORDS: u32 = 1 + 2 * (ROUNDS + 1);
 
 /// `decoupled/pixels.wgsl`.
 pub const PIXELS_BINDINGS: &[Binding] = &[
-    bind(0, "job", Access::Uniform),
+    bind(0, "batch", Access::Uniform),
     bind(1, "entries", Access::Read),
     bind(2, "words", Access::Read),
     bind(3, "points", Access::Read),
-    bind(4, "nodes", Access::Read),
+    bind(4, "kept", Access::Read),
     bind(5, "fixed", Access::Read),
     bind(6, "pixels", Access::Write),
     bind(7, "events", Access::Write),

@@ -323,32 +323,9 @@ fn host_and_shader_structs_have_one_layout() {
     use evis_decoupled::packed;
     same_layout!(
         "decoupled/pixels.wgsl",
-        "Job",
-        packed::Job {
-            length_us,
-            start_us,
-            threshold_on,
-            threshold_off,
-            log_eps,
-            reference_luminance,
-            near,
-            far,
-            background,
-            lamps,
-            pixels,
-            flags,
-            capacity,
-            textures,
-            sums,
-            unit,
-            row,
-            pad_0,
-            pad_1,
-            pad_2,
-            own,
-        }
+        "Batch",
+        uniforms::Batch { pixels, capacity, row, jobs, sums, pad_0, pad_1, pad_2 }
     );
-    same_layout!("decoupled/pixels.wgsl", "Lamp", packed::Lamp { points, wave });
     same_layout!(
         "decoupled/pixels.wgsl",
         "Entry",
@@ -598,6 +575,7 @@ fn constants_agree() {
         ("SHADE_WORDS", packed::SHADE_WORDS as f64),
         ("CASTER_WORDS", packed::CASTER_WORDS as f64),
         ("LOOK_ROWS", packed::LOOK_ROWS as f64),
+        ("JOB_ROWS", packed::JOB_ROWS as f64),
         ("UNITS", pixel::UNITS.into()),
         ("INSTANT_US", path::INSTANT_US),
         ("ROUNDS", decoupled::ROUNDS.into()),
@@ -606,7 +584,7 @@ fn constants_agree() {
     for (name, value) in decoupled_constants {
         assert_eq!(constant("decoupled/pixels.wgsl", name), value, "{name}");
     }
-    // The counter of events, and a number for each round and the one after the last.
+    // The counter of events, and two numbers for each round and the one after the last.
     assert_eq!(wgsl_struct("decoupled/pixels.wgsl", "Events").0[2].1, 4 * decoupled::HEAD_WORDS);
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();

@@ -1,13 +1,14 @@
 //! Light as a device is given it.
 
 use std::collections::HashMap;
+use std::sync::Arc;
 
-use evis_scene::ShadingModel;
 use evis_scene::motion::{WaveShape, Waveform};
+use evis_scene::{Scene, ShadingModel};
 
-use super::{Lighting, TileLight};
+use super::{Lighting, Shared, TileLight, mapped};
 use crate::hash::Words;
-use crate::packed::{self, Lamp, MOST_OWN, Wave, as_floats, steady};
+use crate::packed::{self, Lamp, MOST_OWN, Wave, steady};
 use crate::visibility::lists::{Record, rows_about};
 
 /// A row of tiles in work.
@@ -22,20 +23,24 @@ pub struct RowPacker {
     /// By record, and by facet that throws shadows: its first row of points.
     records: HashMap<u32, u32, Words>,
     casters: HashMap<u32, u32, Words>,
+    /// By where a patch is: its number.
+    patches: HashMap<usize, u32, Words>,
 }
 
 impl RowPacker {
     /// Begins a row: the picture's centre, and seconds of the scene at the start of the block and during it.
     pub fn begin(&mut self, centre: [f64; 2], times_s: [f64; 2]) {
         (self.centre, self.times_s) = (centre, times_s);
-        let packed::Row { entries, words, points, nodes, pixels } = &mut self.row;
+        let packed::Row { entries, words, points, patches, patch_words, pixels } = &mut self.row;
         entries.clear();
         words.clear();
         points.clear();
-        nodes.clear();
+        patches.clear();
+        patch_words.clear();
         pixels.clear();
         self.records.clear();
         self.casters.clear();
+        self.patches.clear();
     }
 
     /// The picture's centre.
@@ -74,39 +79,47 @@ fn halves(mask: u64) -> [u32; 2] {
     [mask as u32, (mask >> 32) as u32]
 }
 
+impl Shared {
+    /// Textures of `scene`, whose textures these are, as a device has them, but for those of surfaces that it cannot light.
+    pub fn pack(&self, scene: &Scene) -> packed::Textures {
+        let mut used = vec![false; scene.textures.len()];
+        for material in scene.materials.iter().filter(|material| mapped(material).is_none()) {
+            if let Some(texture) = material.base_color_texture {
+                used[texture.texture] = true;
+            }
+        }
+        self.textures.pack(&used)
+    }
+}
+
 impl Lighting<'_> {
     /// Whether a device can light `facet`: it knows no maps but of base colour.
     pub fn is_packable(&self, facet: u32) -> bool {
         self.answers[self.world.facets[facet as usize].surface as usize].maps.is_none()
     }
 
-    /// Of what [`Lighting::pack_scene`] returns: another one where that is something else.
+    /// Of what [`Lighting::pack_looks`] returns: another one where that is something else.
     pub fn version(&self) -> u64 {
         self.version
     }
 
-    /// What stays from block to block.
-    pub fn pack_scene(&self) -> packed::Scene {
-        let mut scene = packed::Scene::default();
-        let mut used = vec![false; self.world.scene.textures.len()];
+    /// Appearances of all facets.
+    pub fn pack_looks(&self) -> Vec<[f32; 4]> {
+        let mut rows = Vec::with_capacity(self.looks.len() * packed::LOOK_ROWS);
         for look in &self.looks {
             let texture = look.texture.map_or(0, |number| number as u32 + 1);
-            if let Some(used) = look.texture.and_then(|number| used.get_mut(number)) {
-                *used = true;
-            }
             let row = |v: glam::DVec3, w: f32| [v.x as f32, v.y as f32, v.z as f32, w];
             let [along_s, along_t] = if look.shaded { look.base_along } else { Default::default() };
             let [origin_s, origin_t] = look.origin.map(|v| v as f32);
-            let rows: [_; packed::LOOK_ROWS] = [
+            let own: [_; packed::LOOK_ROWS] = [
                 row(look.base, f32::from_bits(texture)),
                 row(along_s, origin_s),
                 row(along_t, origin_t),
                 std::array::from_fn(|k| look.along.as_flattened()[k] as f32),
             ];
-            scene.rows.extend(rows);
+            rows.extend(own);
         }
-        self.shared.textures.pack(&used, &mut scene);
-        scene
+        rows
     }
 
     /// Lamps whose light is kept apart, during the block that is `times_s` of the scene, and how many there are.
@@ -162,10 +175,13 @@ impl Lighting<'_> {
         entry.patches = row.words.len() as u32;
         let moments = if light.unlit { 0 } else { light.intervals as usize + 1 };
         for patch in &tile.patches[light.at..][..moments * light.count[0] * light.count[1]] {
-            row.words.push(row.nodes.len() as u32);
-            row.nodes.push(as_floats([patch.intervals, 0, 0, 0]));
-            row.nodes.extend_from_slice(&patch.nodes);
+            let number = *packer.patches.entry(packed::place_of(&patch.rows)).or_insert_with(|| {
+                row.patches.push(Arc::clone(&patch.rows));
+                row.patches.len() as u32 - 1
+            });
+            row.words.push(number);
         }
+        row.patch_words.push(entry.patches as usize..row.words.len());
         entry.shades = row.words.len() as u32;
         let mut lists = entry.shades as usize + packed::SHADE_WORDS * self.own.len();
         row.words.resize(lists, 0);

@@ -6,7 +6,7 @@ use glam::DVec3;
 
 use super::{
     Casters, Corners, Instant, Key, Lighting, MOST_OWN, Part, Shade, Shadowed, Slot, TileLight, WHOLE,
-    part_between, shard_of, sphere,
+    part_between, sphere,
 };
 use crate::Error;
 use crate::scene::facets::{ALONE, wide};
@@ -159,11 +159,10 @@ impl Lighting<'_> {
 
     /// What of everything still may throw a shadow of lamp `number` into a cell of a still facet.
     pub(super) fn shadowed(&self, key: Key, number: usize) -> Arc<Shadowed> {
-        let shard = &self.shadowed[shard_of(&key)];
-        let lock = || shard.lock().unwrap_or_else(std::sync::PoisonError::into_inner);
-        if let Some(known) = lock().get(&key) {
-            return known.clone();
-        }
+        self.shadowed.get(key, self.block, |key| self.find_shadowed(key, number))
+    }
+
+    fn find_shadowed(&self, key: &Key, number: usize) -> Shadowed {
         let f = &self.world.facets[key.facet as usize];
         let surface = f.surface as usize;
         let corners = |facet: u32| {
@@ -203,9 +202,7 @@ impl Lighting<'_> {
         if dark {
             facets.clear();
         }
-        let found = Arc::new(Shadowed { dark, facets: facets.into() });
-        lock().insert(key, found.clone());
-        found
+        Shadowed { dark, facets: facets.into() }
     }
 
     /// Finds which of the `casters` may throw a shadow of each lamp into the part of a facet that a tile sees. Those that

@@ -1,12 +1,14 @@
 //! Pixels that a device follows do what `evis-decoupled` finds in 64 bits.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
+use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 
-use evis_core::Event;
-use evis_decoupled::packed::{self, Block, LIGHT_ALONE, Scene as Packed};
-use evis_decoupled::{Device, Devices, Error, Outcome, Settings, simulate};
-use evis_scene::Scene;
+use evis_core::random::Key;
+use evis_core::{Event, SensorConfig};
+use evis_decoupled::packed::{self, Block, LIGHT_ALONE, Textures};
+use evis_decoupled::{Device, Devices, Error, Outcome, Settings, Stream, StreamSettings, View, simulate};
+use evis_scene::{Scene, Variant};
 
 use crate::engine::follower::Followers;
 use crate::tests::random_scenes;
@@ -22,6 +24,8 @@ enum Tampering {
     Shift(f32),
     /// One pixel of so many did not fit.
     Fail(u32),
+    /// Arrays have no more than so many bytes.
+    Room(usize),
 }
 
 /// A device that is tampered with; it keeps how far light in the middle of blocks is from the processor's, relative to that.
@@ -37,7 +41,16 @@ struct Tampers {
     tampering: Tampering,
     /// The scene, of which light is compared.
     light: Option<(Scene, Settings)>,
-    off: std::sync::Mutex<Vec<f64>>,
+    off: Mutex<Vec<f64>>,
+    /// Submissions, and those that begin to keep anew.
+    followed: Mutex<[usize; 2]>,
+}
+
+impl Tampers {
+    fn new(devices: &Arc<Followers>, tampering: Tampering) -> Self {
+        let devices = Arc::clone(devices);
+        Self { devices, tampering, light: None, off: Mutex::default(), followed: Mutex::default() }
+    }
 }
 
 /// Opens what is tampered with.
@@ -45,8 +58,8 @@ struct Tampers {
 struct Opens(Arc<Tampers>);
 
 impl Devices for Opens {
-    fn open(&self) -> Result<Box<dyn Device>, Error> {
-        let (device, devices) = (self.0.devices.open()?, Arc::clone(&self.0));
+    fn open(&self, textures: &Textures) -> Result<Box<dyn Device>, Error> {
+        let (device, devices) = (self.0.devices.open(textures)?, Arc::clone(&self.0));
         Ok(Box::new(Tampered { device, devices, start_us: 0.0 }))
     }
 }
@@ -55,10 +68,12 @@ impl Tampered {
     fn compare(&mut self, block: &Block) -> Result<(), Error> {
         let Some((scene, settings)) = &self.devices.light else { return Ok(()) };
         let mut light = block.clone();
-        light.job.flags |= LIGHT_ALONE;
-        light.job.unit = MIDDLE;
+        // One view.
+        let job = &mut light.jobs[0];
+        job.flags |= LIGHT_ALONE;
+        job.unit = MIDDLE;
+        let (length_us, dark) = (f64::from(job.length_us), 1e-3 * f64::from(job.reference_luminance));
         self.device.follow(&mut light)?;
-        let length_us = f64::from(block.job.length_us);
         let picture = evis_decoupled::luminance(scene, settings, self.start_us + 0.5 * length_us)?;
         self.start_us += length_us;
         let (width, height) = settings.size.unwrap();
@@ -67,7 +82,6 @@ impl Tampered {
                 .map(|(v, size)| (v + 0.5 * size as f32) as usize);
             y * width as usize + x
         };
-        let dark = 1e-3 * f64::from(block.job.reference_luminance);
         let off = light
             .pixels
             .iter()
@@ -79,16 +93,18 @@ impl Tampered {
 }
 
 impl Device for Tampered {
-    fn load(&mut self, scene: &Packed) -> Result<(), Error> {
-        self.device.load(scene)
-    }
-
     fn room(&self) -> usize {
-        self.device.room()
+        match self.devices.tampering {
+            Tampering::Room(bytes) => bytes,
+            _ => self.device.room(),
+        }
     }
 
     fn follow(&mut self, block: &mut Block) -> Result<Vec<packed::Event>, Error> {
         self.compare(block)?;
+        let mut followed = self.devices.followed.lock().unwrap();
+        *followed = [followed[0] + 1, followed[1] + usize::from(block.kept_from == 0)];
+        drop(followed);
         if let Tampering::Shift(part) = self.devices.tampering {
             block.pixels.iter_mut().for_each(|pixel| pixel.centre[0] += part);
         }
@@ -112,13 +128,15 @@ fn followed(
     tampering: Tampering,
 ) -> (Outcome, Vec<f64>) {
     let light = matches!(tampering, Tampering::None).then(|| (scene.clone(), settings.clone()));
-    let tampers = Tampers { devices: Arc::clone(devices), tampering, light, off: Default::default() };
-    let tampers = Arc::new(tampers);
-    let devices = Some(Arc::new(Opens(Arc::clone(&tampers))) as Arc<dyn Devices>);
-    let outcome = simulate(scene, &Settings { devices, ..settings.clone() }).unwrap();
+    let tampers = Arc::new(Tampers { light, ..Tampers::new(devices, tampering) });
+    let outcome = simulate(scene, &Settings { devices: opened(&tampers), ..settings.clone() }).unwrap();
     let mut off = std::mem::take(&mut *tampers.off.lock().unwrap());
     off.sort_by(f64::total_cmp);
     (outcome, off)
+}
+
+fn opened(tampers: &Arc<Tampers>) -> Option<Arc<dyn Devices>> {
+    Some(Arc::new(Opens(Arc::clone(tampers))))
 }
 
 /// Times and polarities of each pixel.
@@ -241,4 +259,75 @@ fn what_a_device_cannot_follow_the_processor_does_and_runs_give_the_same_bytes()
     let (mixed, _) = followed(&devices, &scene, &settings, Tampering::Fail(3));
     let (pixels, same, _) = alike(&own.events, &mixed.events);
     assert!(mixed.report.refollowed > 500 && 100 * same > 98 * pixels, "{same} of {pixels}");
+}
+
+#[test]
+fn small_buffers_change_no_byte() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let mut devices = Arc::new(Followers::new(&gpu).unwrap());
+    let scene = evis_scene::builtin::load("warehouse", 0).unwrap();
+    let settings = settings((96, 72));
+    let run = |devices: &Arc<Followers>, tampering| {
+        let tampers = Arc::new(Tampers::new(devices, tampering));
+        let outcome = simulate(&scene, &Settings { devices: opened(&tampers), ..settings.clone() }).unwrap();
+        let followed = *tampers.followed.lock().unwrap();
+        (outcome, followed)
+    };
+    let (whole, [submissions, anew]) = run(&devices, Tampering::None);
+    assert!(whole.events.len() > 500 && submissions == 3 && anew == 1, "{submissions} {anew}");
+    // A row of tiles or two at a time; what is kept goes up more than once.
+    let (apart, [submissions, anew]) = run(&devices, Tampering::Room(400_000));
+    assert!(apart.events == whole.events, "{submissions} submissions");
+    assert!(submissions > 9 && anew > 3, "{submissions} {anew}");
+    // Room for one event.
+    Arc::get_mut(&mut devices).unwrap().events_per_pixel = 0;
+    let (again, _) = run(&devices, Tampering::None);
+    assert!(again.events == whole.events);
+    assert_eq!(again.report.refollowed, whole.report.refollowed);
+}
+
+#[test]
+fn one_submission_serves_all_views_and_their_order_changes_no_byte() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
+    let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
+    let clock = |k: usize| Variant { time_offset_s: 0.05 * k as f64, ..Variant::default() };
+    scene.variants = (0..5).map(clock).collect();
+    let scene = Arc::new(scene);
+    // Events of each view, and submissions.
+    let run = |variants: &[usize]| {
+        let tampers = Arc::new(Tampers::new(&devices, Tampering::None));
+        let view = |variant: &usize| View {
+            camera: 0,
+            variant: Some(*variant),
+            sensor: SensorConfig::default(),
+            key: Key::new(0, 0, 0),
+        };
+        let views: Vec<View> = variants.iter().map(view).collect();
+        let mut events = vec![Vec::new(); views.len()];
+        let mut complete_us = vec![0; views.len()];
+        let settings = StreamSettings {
+            size: Some((48, 36)),
+            reference_luminance: Some(0.5),
+            devices: opened(&tampers),
+            ..StreamSettings::default()
+        };
+        let mut stream = Stream::new(Arc::clone(&scene), views, &settings).unwrap();
+        stream.want(90_000);
+        while complete_us.iter().any(|t_us| *t_us < 90_000) {
+            let piece = stream.next(&AtomicBool::new(false)).unwrap().unwrap();
+            events[piece.view].extend(piece.events);
+            complete_us[piece.view] = piece.complete_us;
+        }
+        let [submissions, _] = *tampers.followed.lock().unwrap();
+        (events, submissions)
+    };
+    let (all, submissions) = run(&[0, 1, 2, 3, 4]);
+    assert!(all.iter().all(|events| events.len() > 50) && all[0] != all[1]);
+    let (turned, of_turned) = run(&[4, 3, 2, 1, 0]);
+    assert!(turned.iter().rev().eq(&all), "the order of views");
+    let (alone, of_one) = run(&[2]);
+    assert!(alone[0] == all[2], "a view alone");
+    assert_eq!([submissions, of_turned], [of_one; 2], "submissions of five views, and of one");
+    assert!(of_one > 2);
 }

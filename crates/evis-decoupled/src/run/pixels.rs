@@ -1,0 +1,301 @@
+//! The pixels of views: what they remember from block to block.
+
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, PoisonError};
+use std::time::Instant;
+
+use evis_core::Event;
+use evis_core::emulator::parts::ReadoutQueue;
+use evis_core::emulator::tiled::TiledSensor;
+use rayon::prelude::*;
+
+use crate::Error;
+use crate::packed::Kept;
+use crate::run::device::{Loaded, ViewRow};
+use crate::run::frames::{FrameSensor, Taken};
+use crate::run::row::{Following, Row};
+use crate::run::sensing::Sensing;
+use crate::run::settings::{Report, Settings};
+use crate::scene::tiles::{PIXELS, TILE};
+use crate::scene::world::World;
+use crate::shading::light::Lighting;
+use crate::signal::events::Thresholds;
+use crate::signal::path::PixelPath;
+use crate::signal::pixel::{Evaluator, Work};
+use crate::visibility::blocks::{Block, Clock};
+use crate::visibility::lists::Lists;
+
+/// The pixels of one view: what they remember from block to block.
+pub(crate) struct Pixels {
+    rows: Vec<Row>,
+    /// Per thread of the pool, and one for whoever is none of them.
+    rooms: Vec<Mutex<Work>>,
+    following: Following,
+    /// Where events wait for their turn on the bus, of a sensor with more stages than thresholds.
+    queue: Option<ReadoutQueue>,
+    /// A sensor that takes frames.
+    frames: Option<FrameSensor>,
+    /// Appearances of facets as a device has them, and the version of light that they are of.
+    looks: Option<(u64, Kept)>,
+    report: Report,
+}
+
+/// A view that goes through a block.
+pub(crate) struct Turn<'t, 'w> {
+    /// What it sees.
+    pub world: &'w World<'w>,
+    /// The light of that.
+    pub lighting: &'t mut Lighting<'w>,
+    /// Its pixels.
+    pub pixels: &'t mut Pixels,
+    /// The block.
+    pub block: Block,
+    /// Light may jump at its end.
+    pub jumps_next: bool,
+}
+
+/// A view whose block is prepared.
+struct Entered<'t> {
+    pixels: &'t mut Pixels,
+    evaluator: Evaluator<'t>,
+    /// The frames of the block, of a sensor that takes them.
+    taken: Option<Taken>,
+}
+
+/// What leaves the sensors of all views of `turns`, view by view, in canonical order, marked with causes and in stream time; pixels
+/// of sensors of two thresholds by `device`, where there is one, and all views together. `None` where `stop` was set meanwhile:
+/// then some of them are at the block's end and others are not.
+///
+/// # Errors
+/// A camera without a pose, light that is no number, and a device that fails.
+pub(crate) fn follow(
+    mut turns: Vec<Turn>,
+    device: Option<&mut Loaded>,
+    stop: &AtomicBool,
+) -> Result<Option<Vec<Vec<Event>>>, Error> {
+    let lists: Vec<Lists> = turns.par_iter_mut().map(Turn::prepare).collect::<Result<_, _>>()?;
+    let mut entered: Vec<Entered> =
+        turns.into_iter().zip(&lists).map(|(turn, lists)| turn.enter(lists)).collect();
+    let packs = device.is_some();
+    entered.par_iter_mut().with_max_len(1).for_each(|own| own.follow(packs, stop));
+    if let Some(device) = device {
+        follow_on(device, &mut entered, stop)?;
+        entered.par_iter_mut().with_max_len(1).for_each(|own| own.follow_failed(stop));
+    }
+    if stop.load(Ordering::Relaxed) {
+        return Ok(None);
+    }
+    entered.iter_mut().map(Entered::leave).collect::<Result<_, _>>().map(Some)
+}
+
+/// Leaves the pixels that views have packed to `device`.
+fn follow_on(device: &mut Loaded, entered: &mut [Entered], stop: &AtomicBool) -> Result<(), Error> {
+    let has_pixels = |row: &Row| !row.packed().pixels.is_empty();
+    let mut places = Vec::new();
+    let mut jobs = Vec::new();
+    for (view, Entered { pixels, evaluator, .. }) in entered.iter_mut().enumerate() {
+        let rows = pixels.rows.iter().enumerate().filter(|(_, row)| has_pixels(row));
+        places.extend(rows.map(|(row, _)| (view, row)));
+        let version = evaluator.lighting.version();
+        let known = pixels.looks.take().filter(|(known, _)| *known == version);
+        let (_, looks) = known.unwrap_or_else(|| (version, device.looks(evaluator.lighting)));
+        pixels.looks = Some((version, looks.clone()));
+        jobs.push((pixels.following.job(evaluator), looks));
+    }
+    let mut places = &places[..];
+    while !places.is_empty() && !stop.load(Ordering::Relaxed) {
+        let of = |&(view, row): &(usize, usize)| {
+            let ((job, looks), row) = (&jobs[view], entered[view].pixels.rows[row].packed());
+            ViewRow { view, job, looks, row }
+        };
+        let rows: Vec<ViewRow> = places.iter().map(of).collect();
+        let (pixels, fired, count) = device.follow(&rows)?;
+        let (mut pixels, mut first) = (&pixels[..], 0);
+        for &(view, row) in places.split_off(..count).unwrap_or_default() {
+            let Entered { pixels: Pixels { rows, following, .. }, evaluator, .. } = &mut entered[view];
+            let own = pixels.split_off(..rows[row].packed().pixels.len()).unwrap_or_default();
+            rows[row].take(evaluator, following, (first, own), &fired, row);
+            first += own.len();
+        }
+    }
+    Ok(())
+}
+
+impl<'t> Turn<'t, '_> {
+    /// Finds what the block may show, and its light.
+    fn prepare(&mut self) -> Result<Lists, Error> {
+        let Self { world, lighting, pixels, block, .. } = self;
+        let started = Instant::now();
+        let mut clock = Clock::new(world, *block);
+        let lists = Lists::new(world, &mut clock)?;
+        pixels.report.lists_s += started.elapsed().as_secs_f64();
+        let started = Instant::now();
+        lighting.prepare(&mut clock, block)?;
+        pixels.report.light_s += started.elapsed().as_secs_f64();
+        Ok(lists)
+    }
+
+    fn enter(self, lists: &'t Lists) -> Entered<'t> {
+        let Self { world, lighting, pixels, block, jumps_next } = self;
+        let taken = pixels.frames.as_mut().map(|frames| frames.taken(block, jumps_next));
+        Entered { pixels, evaluator: Evaluator { world, lists, lighting, block, once: false }, taken }
+    }
+}
+
+impl Entered<'_> {
+    /// Follows rows of tiles, or packs them for a device.
+    fn follow(&mut self, packs: bool, stop: &AtomicBool) {
+        let Self { pixels, evaluator, taken } = self;
+        let Pixels { rows, rooms, following, frames, .. } = &mut **pixels;
+        let packs = packs && frames.is_none() && following.sensing.is_none();
+        each_row(rows, (rooms, stop), |row, work, index| {
+            row.follow(work, evaluator, (following, taken.as_ref()), (index, packs));
+        });
+    }
+
+    /// Follows what a device could not.
+    fn follow_failed(&mut self, stop: &AtomicBool) {
+        let Self { pixels, evaluator, .. } = self;
+        let Pixels { rows, rooms, following, .. } = &mut **pixels;
+        each_row(rows, (rooms, stop), |row, work, index| {
+            row.follow_failed(work, evaluator, following, index);
+        });
+    }
+
+    /// What has left the sensor.
+    fn leave(&mut self) -> Result<Vec<Event>, Error> {
+        let Pixels { rows, following, queue, frames, report, .. } = &mut *self.pixels;
+        if let (Some(frames), Some(taken)) = (frames, &self.taken) {
+            let rows: Vec<_> = rows.iter().map(|row| (&row.samples[..], &row.columns[..])).collect();
+            let mut events = Vec::new();
+            report.losses.add(frames.take(taken, &rows, &mut events)?);
+            return Ok(events);
+        }
+        let mut events: Vec<Event> = rows.iter_mut().flat_map(|row| row.events.drain(..)).collect();
+        // Stable: events of one pixel at one microsecond keep their firing order.
+        events.sort_by_key(Event::order);
+        if let Some(queue) = queue {
+            let end_us = self.evaluator.block.end_us.floor() as i64 - following.start_us;
+            let mut left = Vec::new();
+            report.losses.dropped += queue.take(&mut events, end_us, &mut left);
+            events = left;
+        }
+        Ok(events)
+    }
+}
+
+/// Calls `follow` for each of `rows`, with the room of the thread that does, until `stop` is set.
+fn each_row(
+    rows: &mut [Row],
+    (rooms, stop): (&[Mutex<Work>], &AtomicBool),
+    follow: impl Fn(&mut Row, &mut Work, usize) + Sync,
+) {
+    rows.par_iter_mut().enumerate().with_max_len(1).for_each(|(index, row)| {
+        if !stop.load(Ordering::Relaxed) {
+            // Pages of pictures that rows share are found by the thread that rendered them.
+            let own = rayon::current_thread_index().unwrap_or(usize::MAX).min(rooms.len() - 1);
+            let mut work = rooms[own].lock().unwrap_or_else(PoisonError::into_inner);
+            follow(row, &mut work, index);
+        }
+    });
+}
+
+impl Pixels {
+    /// Pixels that first see light at the start of `settings`; those of the tiles `only`, unless it is empty.
+    ///
+    /// # Errors
+    /// A sensor that cannot be used.
+    pub(crate) fn new(
+        world: &World,
+        settings: &Settings,
+        reference_luminance: f64,
+        only: &[bool],
+    ) -> Result<Self, Error> {
+        let rows = (world.lens.height as usize).div_ceil(TILE);
+        let columns = (world.lens.width as usize).div_ceil(TILE);
+        let thresholds = Thresholds::new(&settings.sensor, reference_luminance);
+        let ideal = settings.sensor.is_ideal();
+        let Settings { sensor, key, start_us, rate_hz, .. } = settings;
+        let (mut sensing, mut frames) = (None, None);
+        if sensor.needs_frames().is_some() {
+            let size = [world.lens.width, world.lens.height];
+            let stream = (reference_luminance, *start_us, *rate_hz);
+            frames = Some(FrameSensor::new((sensor, *key), size, stream, settings.sensor_threads)?);
+        } else if !ideal {
+            sensing = Some(Sensing {
+                sensor: TiledSensor::new(sensor, *key, world.lens.width)?,
+                start_us: *start_us,
+                reference: reference_luminance,
+            });
+        }
+        let new_row = |_| Row::new(columns, ideal, sensing.is_some());
+        Ok(Self {
+            rows: (0..rows).map(new_row).collect(),
+            rooms: (0..=rayon::current_num_threads()).map(|_| Mutex::default()).collect(),
+            queue: sensing.as_ref().map(|sensing| sensing.sensor.queue()),
+            following: Following {
+                thresholds,
+                step_px: settings.step_px,
+                start_us: settings.start_us,
+                only: only.to_vec(),
+                sensing,
+            },
+            frames,
+            looks: None,
+            report: Report::default(),
+        })
+    }
+
+    /// Lets them all begin at `t_us` with what `picture` says of them, row by row.
+    pub(crate) fn begin(&mut self, world: &World, picture: &[f64], t_us: f64) {
+        let [width, height] = [world.lens.width, world.lens.height].map(|v| v as usize);
+        let Following { thresholds, sensing, .. } = &self.following;
+        for (row, of) in self.rows.iter_mut().enumerate() {
+            let at = |slot: usize| {
+                let (tile, pixel) = (slot / PIXELS, slot % PIXELS);
+                let (x, y) = (tile * TILE + pixel % TILE, row * TILE + pixel / TILE);
+                (x < width && y < height).then(|| picture[y * width + x])
+            };
+            for (slot, path) in of.paths.iter_mut().enumerate() {
+                *path = at(slot).map(|luminance| PixelPath::new(t_us, luminance, thresholds));
+            }
+            for (column, light) in of.lights.iter_mut().enumerate() {
+                let own = std::array::from_fn(|pixel| at(column * PIXELS + pixel).unwrap_or(f64::NAN));
+                if let Some(sensing) = sensing {
+                    of.sensors[column] = Some(sensing.begin([column, row], &own, t_us));
+                }
+                *light = Some(own);
+            }
+        }
+    }
+
+    /// Stream time before which all events are there, of a sensor that takes frames; of any other, that is where its last block
+    /// ended.
+    pub(crate) fn complete_us(&self) -> Option<i64> {
+        self.frames.as_ref().map(FrameSensor::complete_us)
+    }
+
+    /// What it took so far.
+    pub(crate) fn report(&self, lighting: &Lighting) -> Report {
+        let mut report = self.report;
+        for room in &self.rooms {
+            let work = room.lock().unwrap_or_else(PoisonError::into_inner);
+            report.plain += work.plain;
+            report.coverage_s += work.coverage_s;
+            report.shading_s += work.shading_s;
+        }
+        for Row { report: row, .. } in &self.rows {
+            report.lists_s += row.lists_s;
+            report.pixels_s += row.pixels_s;
+            report.evaluations += row.evaluations;
+            report.entries += row.entries;
+            report.pixel_blocks += row.pixel_blocks;
+            report.quiet += row.quiet;
+            report.refollowed += row.refollowed;
+            report.on_device += row.on_device;
+            report.losses.add(row.losses);
+        }
+        report.cells = lighting.shaded.load(Ordering::Relaxed);
+        report
+    }
+}

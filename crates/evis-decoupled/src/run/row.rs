@@ -1,0 +1,305 @@
+//! A row of tiles: its pixels' paths, and what they fire during a block.
+
+use std::time::Instant;
+
+use evis_core::Event;
+use evis_core::emulator::tiled::SensorTile;
+
+use crate::packed;
+use crate::run::device::event_at;
+use crate::run::frames::Taken;
+use crate::run::sensing::Sensing;
+use crate::run::settings::Report;
+use crate::scene::tiles::{PIXELS, TILE};
+use crate::scene::world::World;
+use crate::shading::light::packed::RowPacker;
+use crate::signal::events::Thresholds;
+use crate::signal::knots::{TileLuminance, TileSignal};
+use crate::signal::path::{PixelPath, stride};
+use crate::signal::pixel::{Evaluator, PixelActivity, Work};
+use crate::visibility::blocks::Block;
+use crate::visibility::lists::{Entry, TileList};
+
+/// A row of tiles: its pixels' paths, and what they fired.
+pub(crate) struct Row {
+    /// Per pixel, of a sensor of thresholds.
+    pub paths: Vec<Option<PixelPath>>,
+    /// Per tile, of any other sensor: the light that it saw last.
+    pub lights: Vec<Option<TileLuminance>>,
+    /// Per tile, of one that is followed in continuous time.
+    pub sensors: Vec<Option<SensorTile>>,
+    /// Of one that takes frames: the columns of tiles that were followed through the block in work, and their light at all frames.
+    pub columns: Vec<usize>,
+    pub samples: Vec<f32>,
+    pub events: Vec<Event>,
+    pub report: Report,
+    /// What a device is given of the block in work, and for each of its pixels the number among `paths`.
+    packer: RowPacker,
+    slots: Vec<usize>,
+    /// Per tile, pixels that the device could not follow.
+    failed: Vec<u64>,
+}
+
+/// How pixels are followed.
+pub(crate) struct Following {
+    pub thresholds: Thresholds,
+    pub step_px: f64,
+    pub start_us: i64,
+    /// Which tiles are followed, row by row; all where it is empty.
+    pub only: Vec<bool>,
+    /// A sensor with more stages than thresholds, in continuous time.
+    pub sensing: Option<Sensing>,
+}
+
+impl Following {
+    /// What all pixels of a block share.
+    pub fn job(&self, evaluator: &Evaluator) -> packed::Job {
+        let Evaluator { world, lists, lighting, block, .. } = evaluator;
+        let [near, far] = [lists.depths.near, lists.depths.far].map(|depth| 1.0 / depth);
+        let parallel = if lists.depths.far.is_finite() { packed::PARALLEL } else { 0 };
+        let (own, lamps) = lighting.pack_lamps(centre_of(world), times_of(world, *block));
+        packed::Job {
+            length_us: block.length_us() as f32,
+            start_us: (block.start_us - block.start_us.floor()) as f32,
+            near: near as f32,
+            far: far as f32,
+            background: lighting.plain_background().unwrap_or(0.0) as f32,
+            flags: parallel | if block.jump { packed::JUMPS } else { 0 },
+            lamps,
+            own,
+            ..self.thresholds.pack()
+        }
+    }
+}
+
+/// The middle of the picture without distortion.
+fn centre_of(world: &World) -> [f64; 2] {
+    [world.lens.width, world.lens.height].map(|v| 0.5 * f64::from(v))
+}
+
+/// Seconds of the scene at the start of `block`, and during it.
+fn times_of(world: &World, block: Block) -> [f64; 2] {
+    let [start_s, end_s] = [block.start_us, block.end_us].map(|t_us| world.scene_seconds(t_us));
+    [start_s, end_s - start_s]
+}
+
+impl Row {
+    /// One of `columns` tiles, of a sensor that is `ideal`, or one with more stages that is followed in continuous time.
+    pub fn new(columns: usize, ideal: bool, senses: bool) -> Self {
+        Self {
+            paths: if ideal { vec![None; columns * PIXELS] } else { Vec::new() },
+            lights: if ideal { Vec::new() } else { vec![None; columns] },
+            sensors: if senses { vec![None; columns] } else { Vec::new() },
+            columns: Vec::new(),
+            samples: Vec::new(),
+            events: Vec::new(),
+            report: Report::default(),
+            packer: RowPacker::default(),
+            slots: Vec::new(),
+            failed: vec![0; columns],
+        }
+    }
+
+    /// Goes through the block of `evaluator`, but for pixels that a device can follow if `packs`.
+    pub fn follow(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        (following, taken): (&Following, Option<&Taken>),
+        (row, packs): (usize, bool),
+    ) {
+        self.columns.clear();
+        self.samples.clear();
+        self.slots.clear();
+        if packs {
+            self.packer.begin(centre_of(evaluator.world), times_of(evaluator.world, evaluator.block));
+        }
+        let columns = evaluator.lists.columns;
+        let only = following.only.get(row * columns..(row + 1) * columns).unwrap_or_default();
+        if !only.is_empty() && !only.contains(&true) {
+            return;
+        }
+        let started = Instant::now();
+        let wanted = |column: usize| only.get(column) != Some(&false);
+        let tiles = evaluator.lists.row_where(evaluator.world, row, wanted);
+        self.report.lists_s += started.elapsed().as_secs_f64();
+        let started = Instant::now();
+        for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| wanted(*column)) {
+            self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs));
+        }
+        self.report.pixels_s += started.elapsed().as_secs_f64();
+    }
+
+    /// What a device needs of it.
+    pub fn packed(&self) -> &packed::Row {
+        &self.packer.row
+    }
+
+    /// Takes what a device made of the `pixels` of this row, number `row`, from number `first` of the block on, and of all that
+    /// `fired`, pixel by pixel.
+    pub fn take(
+        &mut self,
+        evaluator: &Evaluator,
+        following: &Following,
+        (first, pixels): (usize, &[packed::Pixel]),
+        fired: &[packed::Event],
+        row: usize,
+    ) {
+        let block = evaluator.block;
+        let start_us = block.start_us.floor() as i64 - following.start_us;
+        let mut fired = &fired[fired.partition_point(|event| (event.pixel as usize) < first)..];
+        for ((index, pixel), &slot) in (first..).zip(pixels).zip(&self.slots) {
+            let own = fired.iter().take_while(|event| event.pixel as usize == index).count();
+            let own = fired.split_off(..own).unwrap_or_default();
+            let (column, number) = (slot / PIXELS, slot % PIXELS);
+            if pixel.failed != 0 {
+                self.failed[column] |= 1 << number;
+                continue;
+            }
+            let place = [column * TILE + number % TILE, row * TILE + number / TILE].map(|v| v as u16);
+            self.events.extend(own.iter().map(|event| event_at(*event, start_us, place)));
+            self.report.evaluations += u64::from(pixel.evaluations);
+            self.report.on_device += u64::from(pixel.evaluations);
+            if let Some(path) = &mut self.paths[slot] {
+                path.unpack(block, pixel);
+            }
+        }
+    }
+
+    /// Follows what a device could not.
+    pub fn follow_failed(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        following: &Following,
+        row: usize,
+    ) {
+        if self.failed.iter().all(|pixels| *pixels == 0) {
+            return;
+        }
+        let failed = std::mem::take(&mut self.failed);
+        let tiles = evaluator.lists.row_where(evaluator.world, row, |column| failed[column] != 0);
+        for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| failed[*column] != 0) {
+            self.report.refollowed += u64::from(failed[column].count_ones());
+            let place = ([column, row], Some(failed[column]), false);
+            self.tile(work, evaluator, (following, None), tile, place);
+        }
+        self.failed = vec![0; failed.len()];
+    }
+
+    fn tile(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        (following, taken): (&Following, Option<&Taken>),
+        list: &TileList,
+        ([column, row], only, packs): ([usize; 2], Option<u64>, bool),
+    ) {
+        let entries = &list.entries[..];
+        let Following { thresholds, step_px, start_us, sensing, .. } = following;
+        let block = evaluator.block;
+        let lens = &evaluator.world.lens;
+        evaluator.enter_tile(work, list, [column, row]);
+        let (width, height) = (lens.width as usize, lens.height as usize);
+        let place = |pixel: usize| (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
+        let seen = evaluator.world.tile([column, row]).pixels;
+        let inside =
+            |pixel: &usize| seen >> *pixel & 1 == 1 && place(*pixel).0 < width && place(*pixel).1 < height;
+        // Of a tile whose others a device has followed.
+        let (again, only) = (only.is_some(), only.unwrap_or(u64::MAX));
+        let mut activities = [None; PIXELS];
+        for pixel in (0..PIXELS).filter(inside) {
+            activities[pixel] = Some(evaluator.activity(work, entries, pixel));
+            if !again {
+                self.report.entries += work.entry_count(pixel) as u64;
+                self.report.pixel_blocks += 1;
+            }
+        }
+        if sensing.is_some() || taken.is_some() {
+            let (before, with) = (self.lights[column].as_ref(), (evaluator, &mut *work));
+            let accuracy = (*step_px, thresholds.floor());
+            let signal = TileSignal::follow(before, with, (entries, &activities), accuracy);
+            self.report.evaluations += signal.evaluations;
+            if let Some(sensing) = sensing {
+                let (tile, at) = (&mut self.sensors[column], (block, [column, row]));
+                self.report.losses.add(sensing.follow(tile, at, &signal, &mut self.events));
+            }
+            if let Some(taken) = taken {
+                self.columns.push(column);
+                taken.sample(&signal, &mut self.samples);
+            }
+            self.lights[column] = Some(*signal.last());
+            return;
+        }
+        let mut resting = 0_u64;
+        for (pixel, activity) in activities.iter().enumerate() {
+            let Some(activity) = activity else { continue };
+            let path = self.paths[column * PIXELS + pixel].as_mut();
+            if !activity.still
+                && only >> pixel & 1 == 1
+                && let Some(path) = path
+                && evaluator.stays_within(work, pixel, path.quiet(thresholds))
+            {
+                path.rest();
+                self.report.quiet += 1;
+                resting |= 1 << pixel;
+                continue;
+            }
+            evaluator.expect(work, pixel, stride(block, *step_px, activity));
+        }
+        let follows = only & !resting;
+        if packs && self.pack(work, evaluator, following, entries, (&activities, follows, column)) {
+            return;
+        }
+        for (pixel, activity) in activities.iter().enumerate().filter(|(pixel, _)| follows >> pixel & 1 == 1)
+        {
+            let (Some(activity), (x, y)) = (activity, place(pixel)) else { continue };
+            evaluator.enter_pixel(work, pixel);
+            let slot = column * PIXELS + pixel;
+            let path = self.paths[slot].get_or_insert_with(|| {
+                PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)
+            });
+            let light = |unit: u32| evaluator.luminance(work, entries, unit);
+            let events = &mut self.events;
+            self.report.evaluations +=
+                path.walk(thresholds, block, *step_px, activity, light, |t_us, polarity| {
+                    let t = t_us.floor() as i64 - start_us;
+                    events.push(Event::new(t, x as u16, y as u16, polarity));
+                });
+        }
+    }
+
+    /// Leaves those of the pixels `follows` of a tile of which anything changes to a device; false where that cannot show them.
+    fn pack(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        following: &Following,
+        entries: &[Entry],
+        (activities, follows, column): (&[Option<PixelActivity>; PIXELS], u64, usize),
+    ) -> bool {
+        let block = evaluator.block;
+        let moves = |activity: &PixelActivity| !activity.still || block.jump;
+        let pixels = activities.iter().enumerate().filter(|(_, a)| a.as_ref().is_some_and(moves));
+        let pixels = follows & pixels.fold(0, |pixels, (pixel, _)| pixels | 1 << pixel);
+        if pixels == 0 {
+            return true;
+        }
+        let Following { thresholds, step_px, .. } = following;
+        let Some(packed) = evaluator.pack(work, entries, pixels, &mut self.packer) else { return false };
+        for mut packed in packed {
+            let pixel = packed.number as usize;
+            let (Some(activity), slot) = (&activities[pixel], column * PIXELS + pixel) else { continue };
+            let path = self.paths[slot].get_or_insert_with(|| {
+                evaluator.enter_pixel(work, pixel);
+                PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)
+            });
+            packed.stride = stride(block, *step_px, activity);
+            packed.least = PixelPath::least(*step_px, activity);
+            path.pack(block, &mut packed);
+            self.packer.row.pixels.push(packed);
+            self.slots.push(slot);
+        }
+        true
+    }
+}
