@@ -187,6 +187,7 @@ def verify_failures(
     *,
     methods: list[str] | None,
     failures: list[str] | None,
+    compute: str | None,
     cache: Path | None,
     device: str | None,
 ) -> str: ...

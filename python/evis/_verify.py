@@ -466,6 +466,7 @@ def verify_failures(
     *,
     methods: Sequence[str] | None = None,
     failures: Sequence[str] | None = None,
+    compute: Literal["cpu", "gpu"] | None = None,
     cache: str | PathLike[str] | bool = True,
     device: Device | str | int | None = None,
 ) -> FailureVerification:
@@ -479,6 +480,9 @@ def verify_failures(
         Names of methods, such as ``"native"``, ``"splat"``, ``"evis-paper"``; all where not given.
     failures : sequence of str, optional
         Ids of failures, such as ``"keyframe-burst"``, ``"rotation"``; all where not given.
+    compute : {"cpu", "gpu"}, optional
+        Where decoupled sampling evaluates pixels of sensors of two thresholds; ``cpu`` where not given. See
+        `Simulator`.
     cache : path or bool
         Folder that keeps truths; True for the user's own cache, False for none.
     device : Device, str or int, optional
@@ -494,6 +498,7 @@ def verify_failures(
     text = _evis.verify_failures(
         methods=None if methods is None else _check.names("methods", methods),
         failures=None if failures is None else _check.names("failures", failures),
+        compute=None if compute is None else str(compute),
         cache=_evis.chart_cache() if cache is True else None if cache is False else Path(cache),
         device=_selector(device),
     )

@@ -10,16 +10,23 @@ use evis_chart::verify::failures::{
     Cell, FailureReport, FailureSettings, Limit, NamedMethod, limit, verify_failures,
 };
 use evis_chart::{ChartError, Stage};
+use evis_render::Compute;
 
 use common::gpu;
 
 /// Runs `failures` with `methods`.
 fn suite(methods: &[&str], failures: &[&str]) -> Option<FailureReport> {
+    suite_on(Compute::Cpu, methods, failures)
+}
+
+/// The same, with pixels of decoupled sampling evaluated where `compute` says.
+fn suite_on(compute: Compute, methods: &[&str], failures: &[&str]) -> Option<FailureReport> {
     let gpu = gpu()?;
     let settings = FailureSettings {
         methods: methods.iter().map(|name| NamedMethod::named(name).unwrap()).collect(),
         failures: failures.iter().map(|id| (*id).into()).collect(),
         cache: Some(Path::new(env!("CARGO_TARGET_TMPDIR")).join("failure-truths")),
+        compute,
     };
     let report = verify_failures(&gpu, &settings, &|_, _| true).unwrap();
     println!("{report}");
@@ -52,23 +59,46 @@ fn what_moves_on_its_own_is_told_from_what_does_not() {
     told(&["evis-paper"], &["keyframe-burst", "highlights", "shadows", "lights"]);
 }
 
+const OF_HIGH: [&str; 12] = [
+    "keyframe-burst",
+    "disocclusion",
+    "thin-fast",
+    "edge-ramp",
+    "highlights",
+    "shadows",
+    "lights",
+    "cones",
+    "sky",
+    "depth",
+    "cut",
+    "refractory",
+];
+
+#[test]
+fn passes_on_the_device_keep_what_the_processor_does() {
+    let Some(report) = suite_on(Compute::Gpu, &["high"], &OF_HIGH) else { return };
+    let own = suite(&["high"], &OF_HIGH).unwrap();
+    let mut others = 0;
+    for failure in OF_HIGH {
+        let [cell, own] = [&report, &own].map(|report| report.cell(failure, "high").unwrap());
+        let apart = cell.events.abs_diff(own.events);
+        assert!(
+            100 * apart <= own.events,
+            "{failure}: {} events, {} on the processor",
+            cell.events,
+            own.events
+        );
+        let [f1, own_f1] = [cell, own].map(|cell| cell.f1.unwrap());
+        assert!((f1 - own_f1).abs() < 0.005, "{failure}: F1 {f1}, {own_f1} on the processor");
+        others += usize::from(cell.median_us != own.median_us);
+    }
+    // Canary: in 32 bits times differ by microseconds.
+    assert!(others > 3, "nothing was followed on the device");
+}
+
 #[test]
 fn the_high_preset_keeps_near_native() {
-    let failures = [
-        "keyframe-burst",
-        "disocclusion",
-        "thin-fast",
-        "edge-ramp",
-        "highlights",
-        "shadows",
-        "lights",
-        "cones",
-        "sky",
-        "depth",
-        "cut",
-        "refractory",
-    ];
-    let Some(report) = suite(&["native", "high"], &failures) else { return };
+    let Some(report) = suite(&["native", "high"], &OF_HIGH) else { return };
     // Canary: native's own claim of its distance to itself does not hold for a stream that misses the ball.
     let promise = limit("thin-fast", "high").unwrap();
     let missed = Cell { f1: Some(0.65), ..report.cell("thin-fast", "high").unwrap().clone() };
@@ -128,6 +158,7 @@ fn the_suite_stops_when_asked_to() {
         failures: vec!["borders".into()],
         methods: vec![NamedMethod::named("native").unwrap()],
         cache: Some(Path::new(env!("CARGO_TARGET_TMPDIR")).join("failure-truths")),
+        compute: Compute::Cpu,
     };
     for last in [Stage::Truth, Stage::Runs] {
         let error = verify_failures(&gpu, &settings, &|stage, _| stage != last).unwrap_err();

@@ -84,6 +84,7 @@ fn survive(args: &VerifyArgs) -> anyhow::Result<Option<FailureReport>> {
         methods: if named.is_empty() { methods() } else { named },
         failures: args.only.clone(),
         cache: None,
+        compute: args.compute.unwrap_or_default(),
     };
     settings.check()?;
     let settings = FailureSettings { cache: cache_folder(args.common.cache.as_deref()), ..settings };

@@ -6,7 +6,7 @@ use evis_chart::verify::failures::{NamedMethod, methods};
 use evis_chart::verify::{FailureSettings, LightSettings, Report, SceneSettings, verify_forms};
 use evis_core::Word as _;
 use evis_core::closed_form::convergence::Variant;
-use evis_render::Shadows;
+use evis_render::{Compute, Shadows};
 use pyo3::prelude::*;
 
 use crate::chart::{TruthRequest, measured};
@@ -54,11 +54,12 @@ pub(crate) fn verify_scene(
 
 /// Measures the failure modes; returns the report as JSON. Without names, all methods and all failures.
 #[pyfunction]
-#[pyo3(signature = (*, methods, failures, cache, device))]
+#[pyo3(signature = (*, methods, failures, compute, cache, device))]
 pub(crate) fn verify_failures(
     py: Python<'_>,
     methods: Option<Vec<String>>,
     failures: Option<Vec<String>>,
+    compute: Option<String>,
     cache: Option<PathBuf>,
     device: Option<String>,
 ) -> PyResult<String> {
@@ -68,6 +69,9 @@ pub(crate) fn verify_failures(
         methods: methods.map_err(Failure::from)?,
         failures: failures.unwrap_or_default(),
         cache,
+        compute: compute
+            .map_or_else(|| Ok(Compute::default()), |word| Compute::of_word("compute", &word))
+            .map_err(Failure::from)?,
     };
     // Before a device is opened.
     settings.check().map_err(Failure::from)?;

@@ -20,7 +20,7 @@ mod tests;
 use std::path::{Path, PathBuf};
 
 use evis_core::ConfigError;
-use evis_render::Gpu;
+use evis_render::{Compute, Gpu};
 use serde::{Deserialize, Serialize};
 
 use super::file::{self, VERSION};
@@ -46,11 +46,13 @@ pub struct FailureSettings {
     pub failures: Vec<String>,
     /// Folder that keeps truths; `None` keeps none.
     pub cache: Option<PathBuf>,
+    /// Where decoupled sampling evaluates pixels of sensors of two thresholds.
+    pub compute: Compute,
 }
 
 impl Default for FailureSettings {
     fn default() -> Self {
-        Self { methods: methods(), failures: Vec::new(), cache: None }
+        Self { methods: methods(), failures: Vec::new(), cache: None, compute: Compute::Cpu }
     }
 }
 
@@ -155,6 +157,9 @@ pub struct FailureReport {
     pub measured: String,
     /// Where it ran.
     pub device: DeviceNote,
+    /// See [`FailureSettings::compute`].
+    #[serde(default)]
+    pub compute: Compute,
     /// Columns.
     pub methods: Vec<NamedMethod>,
     /// Rows.
@@ -222,7 +227,7 @@ pub fn verify_failures(
         let mut runs = Vec::with_capacity(known.len());
         for (id, known) in &known {
             let told = |part: f64| progress(Stage::Runs, (done + part) / total);
-            runs.push((*id, run::Run::new(gpu, known, method, &told)?));
+            runs.push((*id, run::Run::new(gpu, known, (method, settings.compute), &told)?));
             done += 1.0;
         }
         for (case, cells) in cases.iter().zip(&mut cells) {
@@ -247,6 +252,7 @@ pub fn verify_failures(
         evis: env!("CARGO_PKG_VERSION").into(),
         measured: today(),
         device: DeviceNote::of(gpu),
+        compute: settings.compute,
         methods: settings.methods.clone(),
         failures: cases.iter().map(|case| case.note()).collect(),
         cells: cells.into_iter().flatten().collect(),

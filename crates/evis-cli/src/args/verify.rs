@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use clap::Args;
 use evis_core::closed_form::convergence::Variant;
-use evis_render::Shadows;
+use evis_render::{Compute, Shadows};
 use evis_truth::PixelChoice;
 
 use super::camera::{AnimationArgs, CameraArgs};
@@ -26,6 +26,10 @@ pub(crate) struct VerifyArgs {
     /// With --failures: failures to measure [default: all; docs/failures.md lists them]
     #[arg(long, value_name = "ID,…", value_delimiter = ',', requires = "failures", conflicts_with_all = ["scene", "light"], help_heading = "Failures", hide_short_help = true)]
     pub(crate) only: Vec<String>,
+
+    /// With --failures: where decoupled sampling evaluates pixels of sensors of two thresholds [default: cpu]
+    #[arg(long, value_parser = words::<Compute>(), value_name = "WHERE", requires = "failures", conflicts_with_all = ["scene", "light"], help_heading = "Failures", hide_short_help = true)]
+    pub(crate) compute: Option<Compute>,
 
     /// With --light: scene time in seconds [default: 0]
     #[arg(long, value_name = "S", value_parser = start_seconds, requires = "light", conflicts_with_all = ["scene", "failures"], allow_hyphen_values = true, help_heading = "Light")]

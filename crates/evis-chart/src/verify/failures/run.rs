@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use evis_core::metric::Score;
 use evis_core::{EmulatorConfig, Event, EventEmulator, Frames, SensorConfig, Truth};
-use evis_render::{Gpu, RunConfig, Simulator};
+use evis_render::{Compute, Gpu, Method, RunConfig, Simulator};
 use evis_scene::Scene;
 use evis_truth::rays::Textures;
 use evis_truth::{Lattice, TruthError, TruthSettings};
@@ -138,11 +138,11 @@ pub(super) struct Run {
 }
 
 impl Run {
-    /// Runs `method` on what is `known`.
+    /// Runs `method` on what is `known`; pixels of decoupled sampling where `compute` says, if their sensor has no further stage.
     pub(super) fn new(
         gpu: &Gpu,
         known: &Known,
-        method: &NamedMethod,
+        (method, compute): (&NamedMethod, Compute),
         progress: &dyn Fn(f64) -> bool,
     ) -> Result<Self, ChartError> {
         let shot = &known.shot;
@@ -160,6 +160,9 @@ impl Run {
             )));
         };
         evis_render::quality::settle(gpu, &known.scene, &mut config)?;
+        if config.method == Method::Decoupled && shot.sensor.is_ideal() {
+            config.compute = compute;
+        }
         let simulator = Simulator::new(gpu, Arc::clone(&known.scene), config)?;
         let samples = simulator.config().samples;
         let mut drawn_pixels = 0;

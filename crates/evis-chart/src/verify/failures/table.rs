@@ -2,6 +2,9 @@
 
 use std::fmt::{Display, Formatter};
 
+use evis_core::Word;
+use evis_render::Compute;
+
 use super::{Cell, FailureReport};
 
 /// Width of the column of ids, and least width of a method's.
@@ -53,6 +56,9 @@ impl Display for FailureReport {
         )?;
         for method in &self.methods {
             writeln!(f, "{:<ID$} {}", method.name, method.setting.label())?;
+        }
+        if self.compute == Compute::Gpu {
+            writeln!(f, "Pixels of decoupled sampling: {}", self.compute.about())?;
         }
         writeln!(f)?;
         self.matrix(f, "number", |cell| match cell.passed() {

@@ -47,6 +47,7 @@ fn report() -> FailureReport {
         evis: "0.1.0".into(),
         measured: "2025-01-31".into(),
         device: DeviceNote { name: "A device".into(), driver: "driver 1.2".into(), cores: 2 },
+        compute: Compute::Gpu,
         methods: ["native", "evis-paper"].map(|name| NamedMethod::named(name).unwrap()).to_vec(),
         failures: notes.collect(),
         cells,
@@ -66,6 +67,7 @@ fn reports_are_told_drawn_and_read_back() {
         "camera cut",
         "≤ 0 is claimed",
         "something else",
+        "decoupled sampling: by compute passes",
     ] {
         assert!(table.contains(said), "the table lacks '{said}':\n{table}");
     }
