@@ -316,13 +316,20 @@ fn follow(
     loop {
         let complete: Vec<i64> =
             all_pixels.iter().zip(&blocks).map(|(pixels, blocks)| complete_us(pixels, blocks)).collect();
-        let least_us = complete.iter().copied().min().filter(|t_us| *t_us < horizon_us);
-        let mut behind: Vec<bool> = complete.iter().map(|t_us| Some(*t_us) == least_us).collect();
-        // A device follows all of them at once, the processor one after the other.
-        let mut room = if device.is_some() { MOST_PIXELS } else { 0.0 };
-        for (behind, world) in behind.iter_mut().zip(&worlds) {
-            *behind &= room >= 0.0;
-            room -= if *behind { pixel_count(world) } else { 0.0 };
+        let last =
+            (0..complete.len()).min_by_key(|view| complete[*view]).filter(|v| complete[*v] < horizon_us);
+        let mut behind = vec![false; complete.len()];
+        if let Some(last) = last {
+            behind[last] = true;
+            // The processor follows one view after the other, a device all whose next block begins during that of the last.
+            let end_us = (blocks[last].peek().end_us.floor() as i64 - start_us).min(horizon_us);
+            let mut room = MOST_PIXELS - pixel_count(&worlds[last]);
+            for (view, world) in worlds.iter().enumerate().filter(|_| device.is_some()) {
+                if view != last && complete[view] < end_us && pixel_count(world) <= room {
+                    behind[view] = true;
+                    room -= pixel_count(world);
+                }
+            }
         }
         let began = Instant::now();
         let mut turns = Vec::new();
