@@ -16,11 +16,11 @@ use common::gpu;
 
 /// Runs `failures` with `methods`.
 fn suite(methods: &[&str], failures: &[&str]) -> Option<FailureReport> {
-    suite_on(Compute::Cpu, methods, failures)
+    suite_on(Compute::Cpu, methods, failures).map(|(report, _)| report)
 }
 
-/// The same, with pixels of decoupled sampling evaluated where `compute` says.
-fn suite_on(compute: Compute, methods: &[&str], failures: &[&str]) -> Option<FailureReport> {
+/// The same, with pixels of decoupled sampling evaluated where `compute` says; and how many dispatches the device had.
+fn suite_on(compute: Compute, methods: &[&str], failures: &[&str]) -> Option<(FailureReport, u64)> {
     let gpu = gpu()?;
     let settings = FailureSettings {
         methods: methods.iter().map(|name| NamedMethod::named(name).unwrap()).collect(),
@@ -35,7 +35,7 @@ fn suite_on(compute: Compute, methods: &[&str], failures: &[&str]) -> Option<Fai
     for cell in &report.cells {
         assert!(cell.events > 0 && cell.truth_events > 100, "a test that sees nothing: {cell:?}");
     }
-    Some(report)
+    Some((report, gpu.counts().dispatches))
 }
 
 /// Canary: what is claimed of `native`'s number does not hold for `method`, whose events have the failure.
@@ -76,24 +76,24 @@ const OF_HIGH: [&str; 12] = [
 
 #[test]
 fn passes_on_the_device_keep_what_the_processor_does() {
-    let Some(report) = suite_on(Compute::Gpu, &["high"], &OF_HIGH) else { return };
-    let own = suite(&["high"], &OF_HIGH).unwrap();
-    let mut others = 0;
-    for failure in OF_HIGH {
+    // Of these some light once had more events on a device.
+    let failures: Vec<&str> =
+        OF_HIGH.into_iter().chain(["rotation", "borders", "dark", "low-threshold"]).collect();
+    let Some((report, dispatches)) = suite_on(Compute::Gpu, &["high"], &failures) else { return };
+    let (own, own_dispatches) = suite_on(Compute::Cpu, &["high"], &failures).unwrap();
+    for failure in failures {
         let [cell, own] = [&report, &own].map(|report| report.cell(failure, "high").unwrap());
         let apart = cell.events.abs_diff(own.events);
         assert!(
-            100 * apart <= own.events,
+            200 * apart <= own.events,
             "{failure}: {} events, {} on the processor",
             cell.events,
             own.events
         );
         let [f1, own_f1] = [cell, own].map(|cell| cell.f1.unwrap());
         assert!((f1 - own_f1).abs() < 0.005, "{failure}: F1 {f1}, {own_f1} on the processor");
-        others += usize::from(cell.median_us != own.median_us);
     }
-    // Canary: in 32 bits times differ by microseconds.
-    assert!(others > 3, "nothing was followed on the device");
+    assert!(dispatches > own_dispatches + 1000, "{dispatches} dispatches, {own_dispatches} on the processor");
 }
 
 #[test]

@@ -87,12 +87,15 @@ pub struct Job {
     pub looks: u32,
     /// Unit of the block at which light is found where it is all that is wanted.
     pub unit: u32,
-    /// Zero.
-    pub pad_0: u32,
-    /// Zero.
-    pub pad_1: u32,
-    /// Zero.
-    pub pad_2: u32,
+    /// Row of [`Block::kept`]'s array at which the sky begins, see [`Sky`].
+    pub sky: u32,
+    /// Its levels; 0 where `background` lies behind everything.
+    pub sky_levels: u32,
+    /// Its texels that a pixel in the middle of the picture is wide.
+    pub sky_texels: f32,
+    /// Directions on the sky from image points (x, y, 1) about the picture's centre as quadratics of the block's time: three
+    /// columns for each power.
+    pub seen: [[f32; 4]; 9],
     /// Lamps.
     pub own: [Lamp; MOST_OWN],
 }
@@ -285,6 +288,16 @@ impl Block {
 
 /// Words in front of a row's own.
 pub const BASE_WORDS: usize = 4;
+
+/// Luminance of the sky.
+#[derive(Clone, Debug)]
+pub struct Sky {
+    /// Per level a row: its first number and the edge of a face, both as words. Then numbers, four in a row: level by level,
+    /// face by face, row by row, with a texel more beyond each edge; beyond corners the mean of its three neighbours.
+    pub rows: Kept,
+    /// Levels.
+    pub levels: u32,
+}
 
 /// Textures.
 #[derive(Clone, Debug, Default)]

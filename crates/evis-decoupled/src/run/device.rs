@@ -10,6 +10,7 @@ use evis_scene::Scene;
 use crate::Error;
 use crate::hash::Words;
 use crate::packed::{self, Kept, place_of};
+use crate::shading::light::packed::pack_sky;
 use crate::shading::light::{Lighting, Shared};
 
 /// Opens devices: one for all views of a stream.
@@ -41,6 +42,8 @@ pub(crate) struct Loaded {
     kept: HashMap<usize, (Kept, u32), Words>,
     /// Rows that are kept.
     rows: usize,
+    /// What lies behind everything, where that is the sky.
+    sky: Option<packed::Sky>,
     /// Appearances of facets that views have, or had.
     looks: Vec<Weak<[[f32; 4]]>>,
 }
@@ -65,7 +68,7 @@ impl Loaded {
     /// As [`Devices::open`].
     pub(crate) fn open(devices: &dyn Devices, scene: &Scene, shared: &Shared) -> Result<Self, Error> {
         let device = devices.open(&shared.pack(scene))?;
-        Ok(Self { device, kept: HashMap::default(), rows: 0, looks: Vec::new() })
+        Ok(Self { device, kept: HashMap::default(), rows: 0, sky: pack_sky(scene), looks: Vec::new() })
     }
 
     /// Appearances of the facets of `lighting`, those of another view where they are the same.
@@ -120,8 +123,12 @@ impl Loaded {
                 (self.rows, block.kept_from) = (0, 0);
             }
             if view.replace(own.view) != Some(own.view) {
-                let looks = self.keep(own.looks, &mut block);
-                block.jobs.push(packed::Job { looks, ..*own.job });
+                let mut job = packed::Job { looks: self.keep(own.looks, &mut block), ..*own.job };
+                if let Some(sky) = self.sky.take() {
+                    (job.sky, job.sky_levels) = (self.keep(&sky.rows, &mut block), sky.levels);
+                    self.sky = Some(sky);
+                }
+                block.jobs.push(job);
             }
             let patches: Vec<u32> = own.row.patches.iter().map(|kept| self.keep(kept, &mut block)).collect();
             block.add_row(own.row, &patches);
@@ -132,7 +139,8 @@ impl Loaded {
 
     /// Rows that must go up before a row of tiles is followed.
     fn missing(&self, own: &ViewRow) -> usize {
-        let parts = own.row.patches.iter().chain([own.looks]);
+        let sky = self.sky.as_ref().map(|sky| &sky.rows);
+        let parts = own.row.patches.iter().chain([own.looks]).chain(sky);
         parts.filter(|kept| !self.kept.contains_key(&place_of(kept))).map(|kept| kept.len()).sum()
     }
 

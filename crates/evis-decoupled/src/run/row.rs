@@ -58,17 +58,18 @@ impl Following {
         let [near, far] = [lists.depths.near, lists.depths.far].map(|depth| 1.0 / depth);
         let parallel = if lists.depths.far.is_finite() { packed::PARALLEL } else { 0 };
         let (own, lamps) = lighting.pack_lamps(centre_of(world), times_of(world, *block));
-        packed::Job {
+        let mut job = packed::Job {
             length_us: block.length_us() as f32,
             start_us: (block.start_us - block.start_us.floor()) as f32,
             near: near as f32,
             far: far as f32,
-            background: lighting.plain_background().unwrap_or(0.0) as f32,
             flags: parallel | if block.jump { packed::JUMPS } else { 0 },
             lamps,
             own,
             ..self.thresholds.pack()
-        }
+        };
+        lighting.pack_background(centre_of(world), &mut job);
+        job
     }
 }
 

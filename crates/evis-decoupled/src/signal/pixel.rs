@@ -276,9 +276,8 @@ impl Evaluator<'_> {
         let lighting = self.lighting;
         let record = |entry: &Entry| &self.lists.records[entry.record as usize];
         let seen = |entry: &&Entry| entry.touches & pixels != 0;
-        let behind_all = lighting.plain_background().is_some() || pixels & !work.filled == 0;
         let plain = entries.iter().filter(seen).all(|entry| lighting.is_packable(record(entry).facet));
-        if !(work.view.is_square() && behind_all && plain) {
+        if !(work.view.is_square() && plain) {
             return None;
         }
         work.light.enter_pixel(false);

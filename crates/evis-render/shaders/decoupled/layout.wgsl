@@ -23,9 +23,11 @@ struct Job {
     looks: u32,
     // Where light is found if that is all that is wanted.
     unit: u32,
-    pad_0: u32,
-    pad_1: u32,
-    pad_2: u32,
+    // Row of `kept` at which the sky begins, its levels, 0 where `background` lies behind everything, and its texels that
+    // a pixel in the middle of the picture is wide.
+    sky: u32,
+    sky_levels: u32,
+    sky_texels: f32,
 };
 
 // What all pixels of a submission share.
@@ -44,10 +46,11 @@ struct Batch {
     pad_2: u32,
 };
 
-// Rows of a job: its own, then those of its lamps.
+// Rows of a job: its own, then directions on the sky, then those of its lamps.
 const HEAD_ROWS: u32 = 4u;
+const SEEN_ROWS: u32 = 9u;
 const LAMP_ROWS: u32 = 4u;
-const JOB_ROWS: u32 = HEAD_ROWS + LAMP_ROWS * MOST_OWN;
+const JOB_ROWS: u32 = HEAD_ROWS + SEEN_ROWS + LAMP_ROWS * MOST_OWN;
 
 // A facet in a tile.
 struct Entry {
@@ -168,7 +171,8 @@ struct Bases {
     entries: u32,
     words: u32,
     points: u32,
-    // Row of `points` at which lamps begin.
+    // Row of `points` at which directions on the sky begin, and lamps.
+    seen: u32,
     lamps: u32,
 };
 
@@ -182,15 +186,16 @@ var<private> failed: bool;
 // Goes to the row of tiles whose bases are at word `at`, and to its job.
 fn enter_row(at: u32) {
     let row = batch.jobs + words[at + 3u] * JOB_ROWS;
-    base = Bases(words[at], words[at + 1u], words[at + 2u], row + HEAD_ROWS);
+    let seen = row + HEAD_ROWS;
+    base = Bases(words[at], words[at + 1u], words[at + 2u], seen, seen + SEEN_ROWS);
     let a = points[row];
     let b = points[row + 1u];
     let c = points[row + 2u];
     let d = points[row + 3u];
     let numbers = bitcast<vec4<u32>>(c);
-    let unit = bitcast<u32>(d.x);
+    let others = bitcast<vec4<u32>>(d);
     job = Job(
-        a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, numbers.y, numbers.z, numbers.w, unit, 0u, 0u, 0u
+        a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, numbers.y, numbers.z, numbers.w, others.x, others.y, others.z, d.w
     );
 }
 

@@ -1,4 +1,5 @@
 #import decoupled/shadows.wgsl
+#import decoupled/sky.wgsl
 #import decoupled/texture.wgsl
 #import common/luminance.wgsl
 // Light that a pixel gets at a time.
@@ -11,7 +12,6 @@ const PARTLY_LIT: vec2<f32> = vec2<f32>(0.001, 0.99);
 // Parts of a pixel below this are none.
 const NO_AREA: f32 = 1e-6;
 const BOUNDLESS: f32 = 1e30;
-const NO_VARIANCE: f32 = 1e-9;
 
 struct Surface {
     place: vec2<f32>,
@@ -33,14 +33,9 @@ fn surface_of(k: u32, m: Moments) -> Surface {
     var color = first.xyz + along_s.xyz * place.x + along_t.xyz * place.y;
     let texture = bitcast<u32>(first.w);
     if (texture > 0u) {
-        let v = m.second / m.area - vec3<f32>(at.x * at.x, at.x * at.y, at.y * at.y);
-        // Cholesky: a unit square has the variance 1/12 along each side.
-        let l = sqrt(max(v.x, NO_VARIANCE));
-        let across = v.y / l;
-        let n = sqrt(max(v.z - across * across, 0.0));
-        let side = sqrt(12.0);
-        let p = vec2<f32>(side * l, side * across);
-        let q = vec2<f32>(0.0, side * n);
+        let sides = sides_of(m);
+        let p = sides.along;
+        let q = sides.down;
         let texels = kept[look + 3u];
         let right = vec2<f32>(place_s.x - place.x * weight.x, place_t.x - place.y * weight.x) * depth;
         let down = vec2<f32>(place_s.y - place.x * weight.y, place_t.y - place.y * weight.y) * depth;
@@ -198,7 +193,10 @@ fn light_of_all(own: u32, own_count: u32, u: f32) -> f32 {
         let own = seen[part];
         sum += light_of(own.fragment, own.moments, own.visible, u);
     }
-    return sum + max(rest.area, 0.0) * job.background;
+    if (rest.area > NO_AREA && !failed) {
+        sum += rest.area * background_of(rest, u);
+    }
+    return sum;
 }
 
 // Mean luminance of a pixel at part `u` of the block.

@@ -28,6 +28,26 @@ struct Moments {
     second: vec3<f32>,
 };
 
+const NO_VARIANCE: f32 = 1e-9;
+
+// A parallelogram about `middle` that has the moments of an area.
+struct Sides {
+    middle: vec2<f32>,
+    along: vec2<f32>,
+    down: vec2<f32>,
+};
+
+fn sides_of(m: Moments) -> Sides {
+    let at = m.first / m.area;
+    let v = m.second / m.area - vec3<f32>(at.x * at.x, at.x * at.y, at.y * at.y);
+    // Cholesky: a unit square has the variance 1/12 along each side.
+    let l = sqrt(max(v.x, NO_VARIANCE));
+    let across = v.y / l;
+    let n = sqrt(max(v.z - across * across, 0.0));
+    let side = sqrt(12.0);
+    return Sides(at, vec2<f32>(side * l, side * across), vec2<f32>(0.0, side * n));
+}
+
 fn whole_pixel() -> Moments {
     return Moments(1.0, vec2<f32>(0.0), vec3<f32>(1.0 / 12.0, 0.0, 1.0 / 12.0));
 }

@@ -84,6 +84,7 @@ shaders![
     "decoupled/fragments.wgsl",
     "decoupled/texture.wgsl",
     "decoupled/shadows.wgsl",
+    "decoupled/sky.wgsl",
     "decoupled/light.wgsl",
     "decoupled/pixels.wgsl",
 ];

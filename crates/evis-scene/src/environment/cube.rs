@@ -152,6 +152,13 @@ impl CubeMap {
         (self.size as usize >> level.min(31)).max(1)
     }
 
+    /// The texel of `face` at (x, y), which may be one beyond the face's edge: then it is of the face that continues there; beyond
+    /// a corner, where three faces meet, there is none.
+    pub fn texel(&self, level: usize, face: usize, x: isize, y: isize) -> Option<[f16; 4]> {
+        let index = resolve(self.level_size(level), face, x, y)?;
+        self.levels.get(level)?.get(index).copied()
+    }
+
     /// Linear RGB at `direction` (any length but 0): bilinear across face edges (seamless: where three faces meet,
     /// the absent fourth texel is their mean, as Vulkan recommends), linear between levels, clamped to the levels
     /// that exist.

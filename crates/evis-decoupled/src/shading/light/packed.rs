@@ -3,10 +3,12 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
+use evis_scene::environment::FACES;
 use evis_scene::motion::{WaveShape, Waveform};
 use evis_scene::{Scene, ShadingModel};
+use glam::{DMat3, DVec3};
 
-use super::{Lighting, Shared, TileLight, mapped};
+use super::{Lighting, Shared, TileLight, mapped, material};
 use crate::hash::Words;
 use crate::packed::{self, Lamp, MOST_OWN, Wave, steady};
 use crate::visibility::lists::{Record, rows_about};
@@ -79,6 +81,36 @@ fn halves(mask: u64) -> [u32; 2] {
     [mask as u32, (mask >> 32) as u32]
 }
 
+/// Luminance of the sky of `scene`, where it is seen.
+pub fn pack_sky(scene: &Scene) -> Option<packed::Sky> {
+    let environment = scene.environment.as_ref().filter(|environment| environment.visible)?;
+    let sky = &environment.sky;
+    let (mut heads, mut values) = (Vec::new(), Vec::new());
+    for level in 0..sky.levels.len() {
+        let size = sky.level_size(level) as isize;
+        heads.push(packed::as_floats([values.len() as u32, size as u32, 0, 0]));
+        for face in 0..FACES {
+            let texel = |x: isize, y: isize| -> Option<f64> {
+                let color = sky.texel(level, face, x, y)?;
+                let color = DVec3::from_array(std::array::from_fn(|k| color[k].to_f64()));
+                Some(material::LUMINANCE.dot(color) * f64::from(environment.intensity))
+            };
+            for y in -1..=size {
+                for x in -1..=size {
+                    let [beside, across] = [x.clamp(0, size - 1), y.clamp(0, size - 1)];
+                    let near = || [(beside, y), (x, across), (beside, across)].map(|(x, y)| texel(x, y));
+                    let of_three = || near().into_iter().flatten().sum::<f64>() / 3.0;
+                    values.push(texel(x, y).unwrap_or_else(of_three) as f32);
+                }
+            }
+        }
+    }
+    values.resize(values.len().next_multiple_of(4), 0.0);
+    let levels = heads.len() as u32;
+    heads.extend_from_slice(bytemuck::cast_slice(&values));
+    Some(packed::Sky { rows: heads.into(), levels })
+}
+
 impl Shared {
     /// Textures of `scene`, whose textures these are, as a device has them, but for those of surfaces that it cannot light.
     pub fn pack(&self, scene: &Scene) -> packed::Textures {
@@ -132,9 +164,18 @@ impl Lighting<'_> {
         (lamps, self.own.len() as u32)
     }
 
-    /// Luminance of what lies behind everything, where that is the same everywhere and always.
-    pub fn plain_background(&self) -> Option<f64> {
-        self.sky.is_none().then_some(self.background)
+    /// Adds what lies behind everything to `job`, but for the sky's texels.
+    pub fn pack_background(&self, centre: [f64; 2], job: &mut packed::Job) {
+        job.background = self.background as f32;
+        let (Some(sky), Some(environment)) = (&self.sky, &self.world.scene.environment) else { return };
+        let turned = DMat3::from_rotation_y(-f64::from(environment.rotation));
+        let about = DMat3::from_translation(glam::DVec2::from_array(centre));
+        let [a, b, c] = sky.world_from_screen.map(|m| turned * m * about);
+        let powers = [a, b * 4.0 - a * 3.0 - c, (a + c - b * 2.0) * 2.0];
+        for (row, column) in job.seen.iter_mut().zip(powers.iter().flat_map(|m| m.to_cols_array_2d())) {
+            *row = [column[0] as f32, column[1] as f32, column[2] as f32, 0.0];
+        }
+        job.sky_texels = (material::sky_texels(environment) / sky.focal) as f32;
     }
 
     /// Appends entry `slot` of a tile, which is `record`, number `index` of the block, once its shadows are known; its number in

@@ -1,0 +1,77 @@
+#import decoupled/regions.wgsl
+// The sky behind everything: `Lighting::background` of evis-decoupled.
+
+// Places along either side of a footprint, per texel, and at most.
+const SKY_DENSITY: f32 = 3.0;
+const SKY_PLACES: f32 = 6.0;
+
+// Number `index` of the sky.
+fn sky_number(index: u32) -> f32 {
+    return kept[job.sky + job.sky_levels + index / 4u][index % 4u];
+}
+
+// Luminance of a level at (s, t) of a face, both from -1 to 1, between texels' middles.
+fn sky_level(level: u32, face: u32, at: vec2<f32>) -> f32 {
+    let head = bitcast<vec4<u32>>(kept[job.sky + level]);
+    let size = head.y;
+    // A texel lies beyond each edge.
+    let row = size + 2u;
+    let place = (at + 1.0) * 0.5 * f32(size) + 0.5;
+    let low = min(vec2<u32>(max(place, vec2<f32>(0.0))), vec2<u32>(size));
+    let w = place - vec2<f32>(low);
+    let first = head.x + (face * row + low.y) * row + low.x;
+    let upper = mix(sky_number(first), sky_number(first + 1u), w.x);
+    let lower = mix(sky_number(first + row), sky_number(first + row + 1u), w.x);
+    return mix(upper, lower, w.y);
+}
+
+// Luminance in a direction, of any length, between two levels.
+fn sky_at(direction: vec3<f32>, level: f32) -> f32 {
+    let size = abs(direction);
+    var face = 0u;
+    var major = size.x;
+    var at = vec2<f32>(-direction.z, -direction.y);
+    if (size.z >= size.x && size.z >= size.y) {
+        face = select(5u, 4u, direction.z >= 0.0);
+        major = size.z;
+        at = vec2<f32>(select(-direction.x, direction.x, direction.z >= 0.0), -direction.y);
+    } else if (size.y >= size.x) {
+        face = select(3u, 2u, direction.y >= 0.0);
+        major = size.y;
+        at = vec2<f32>(direction.x, select(-direction.z, direction.z, direction.y >= 0.0));
+    } else if (direction.x < 0.0) {
+        face = 1u;
+        at = vec2<f32>(direction.z, -direction.y);
+    }
+    let place = at / max(major, 1e-30);
+    let last = job.sky_levels - 1u;
+    let lower = min(u32(level), last);
+    let a = sky_level(lower, face, place);
+    let b = sky_level(min(lower + 1u, last), face, place);
+    return mix(a, b, min(level - f32(lower), 1.0));
+}
+
+// Mean luminance of what lies behind everything, over a part of the pixel.
+fn background_of(m: Moments, u: f32) -> f32 {
+    if (job.sky_levels == 0u || !(m.area > 0.0)) {
+        return job.background;
+    }
+    let sides = sides_of(m);
+    let texels = max(sides.along.x, sides.down.y) * job.sky_texels;
+    let count = clamp(ceil(SKY_DENSITY * texels), 1.0, SKY_PLACES);
+    let level = clamp(log2(max(texels / count, 1.0)), 0.0, f32(job.sky_levels - 1u));
+    let row = base.seen;
+    let x = points[row].xyz + u * (points[row + 3u].xyz + u * points[row + 6u].xyz);
+    let y = points[row + 1u].xyz + u * (points[row + 4u].xyz + u * points[row + 7u].xyz);
+    let z = points[row + 2u].xyz + u * (points[row + 5u].xyz + u * points[row + 8u].xyz);
+    let places = u32(count);
+    var sum = 0.0;
+    for (var j = 0u; j < places; j++) {
+        for (var i = 0u; i < places; i++) {
+            let s = (vec2<f32>(f32(i), f32(j)) + 0.5) / count - 0.5;
+            let at = centre + sides.middle + s.x * sides.along + s.y * sides.down;
+            sum += sky_at(x * at.x + y * at.y + z, level);
+        }
+    }
+    return sum / (count * count);
+}
