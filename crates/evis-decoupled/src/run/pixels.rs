@@ -91,11 +91,15 @@ pub(crate) fn follow(
 /// Leaves the pixels that views have packed to `device`.
 fn follow_on(device: &mut Loaded, entered: &mut [Entered], stop: &AtomicBool) -> Result<(), Error> {
     let has_pixels = |row: &Row| !row.packed().pixels.is_empty();
+    // Rows by view, row and job: a view in which nothing moves has none.
     let mut places = Vec::new();
     let mut jobs = Vec::new();
     for (view, Entered { pixels, evaluator, .. }) in entered.iter_mut().enumerate() {
         let rows = pixels.rows.iter().enumerate().filter(|(_, row)| has_pixels(row));
-        places.extend(rows.map(|(row, _)| (view, row)));
+        places.extend(rows.map(|(row, _)| (view, row, jobs.len())));
+        if places.last().is_none_or(|(last, ..)| *last != view) {
+            continue;
+        }
         let version = evaluator.lighting.version();
         let known = pixels.looks.take().filter(|(known, _)| *known == version);
         let (_, looks) = known.unwrap_or_else(|| (version, device.looks(evaluator.lighting)));
@@ -104,14 +108,14 @@ fn follow_on(device: &mut Loaded, entered: &mut [Entered], stop: &AtomicBool) ->
     }
     let mut places = &places[..];
     while !places.is_empty() && !stop.load(Ordering::Relaxed) {
-        let of = |&(view, row): &(usize, usize)| {
-            let ((job, looks), row) = (&jobs[view], entered[view].pixels.rows[row].packed());
+        let of = |&(view, row, job): &(usize, usize, usize)| {
+            let ((job, looks), row) = (&jobs[job], entered[view].pixels.rows[row].packed());
             ViewRow { view, job, looks, row }
         };
         let rows: Vec<ViewRow> = places.iter().map(of).collect();
         let (pixels, fired, count) = device.follow(&rows)?;
         let (mut pixels, mut first) = (&pixels[..], 0);
-        for &(view, row) in places.split_off(..count).unwrap_or_default() {
+        for &(view, row, _) in places.split_off(..count).unwrap_or_default() {
             let Entered { pixels: Pixels { rows, following, .. }, evaluator, .. } = &mut entered[view];
             let own = pixels.split_off(..rows[row].packed().pixels.len()).unwrap_or_default();
             rows[row].take(evaluator, following, (first, own), &fired, row);
@@ -171,7 +175,8 @@ impl Entered<'_> {
             report.losses.add(frames.take(taken, &rows, &mut events)?);
             return Ok(events);
         }
-        let mut events: Vec<Event> = rows.iter_mut().flat_map(|row| row.events.drain(..)).collect();
+        let mut events = Vec::with_capacity(rows.iter().map(|row| row.events.len()).sum());
+        rows.iter_mut().for_each(|row| events.append(&mut row.events));
         // Stable: events of one pixel at one microsecond keep their firing order.
         events.sort_by_key(Event::order);
         if let Some(queue) = queue {

@@ -250,6 +250,28 @@ impl Drop for Stream {
     }
 }
 
+/// Which views are followed next, of those whose events are `complete` up to a time before `horizon_us`: the one that is behind all
+/// others, and those whose block begins before its own ends (`end_us`), as far as `room` holds their pixels (`counts`).
+fn behind(
+    (complete, counts): (&[i64], &[f64]),
+    end_us: impl Fn(usize) -> i64,
+    horizon_us: i64,
+    room: f64,
+) -> Vec<bool> {
+    let mut chosen = vec![false; complete.len()];
+    let last = (0..complete.len()).min_by_key(|view| complete[*view]);
+    let Some(last) = last.filter(|view| complete[*view] < horizon_us) else { return chosen };
+    chosen[last] = true;
+    let (until_us, mut room) = (end_us(last).min(horizon_us), room - counts[last]);
+    for (view, chosen) in chosen.iter_mut().enumerate() {
+        if !*chosen && complete[view] < until_us && counts[view] <= room {
+            *chosen = true;
+            room -= counts[view];
+        }
+    }
+    chosen
+}
+
 /// The thread: follows the view that is behind the others, as far as is wanted.
 #[expect(clippy::too_many_arguments, reason = "the ends of its channels")]
 fn follow(
@@ -310,27 +332,16 @@ fn follow(
         pixels.complete_us().unwrap_or(blocks.start_us().floor() as i64 - start_us)
     };
     let pixel_count = |world: &World| f64::from(world.lens.width) * f64::from(world.lens.height);
-    let sum: f64 = worlds.iter().map(pixel_count).sum();
+    let counts: Vec<f64> = worlds.iter().map(pixel_count).collect();
     let whole = scene.host_poses.is_none() && settings.only.is_empty();
     let mut horizon_us = 0;
     loop {
         let complete: Vec<i64> =
             all_pixels.iter().zip(&blocks).map(|(pixels, blocks)| complete_us(pixels, blocks)).collect();
-        let last =
-            (0..complete.len()).min_by_key(|view| complete[*view]).filter(|v| complete[*v] < horizon_us);
-        let mut behind = vec![false; complete.len()];
-        if let Some(last) = last {
-            behind[last] = true;
-            // The processor follows one view after the other, a device all whose next block begins during that of the last.
-            let end_us = (blocks[last].peek().end_us.floor() as i64 - start_us).min(horizon_us);
-            let mut room = MOST_PIXELS - pixel_count(&worlds[last]);
-            for (view, world) in worlds.iter().enumerate().filter(|_| device.is_some()) {
-                if view != last && complete[view] < end_us && pixel_count(world) <= room {
-                    behind[view] = true;
-                    room -= pixel_count(world);
-                }
-            }
-        }
+        // The processor follows one view after the other, a device several together.
+        let room = if device.is_some() { MOST_PIXELS } else { 0.0 };
+        let end_us = |view: usize| blocks[view].peek().end_us.floor() as i64 - start_us;
+        let behind = behind((&complete, &counts), end_us, horizon_us, room);
         let began = Instant::now();
         let mut turns = Vec::new();
         let each = worlds.iter().zip(&mut lightings).zip(&mut all_pixels).zip(&mut blocks);
@@ -365,7 +376,7 @@ fn follow(
         let Some(found) = pixels::follow(turns, device.as_mut(), abort)? else { return Ok(()) };
         if whole && usual {
             // Only the first is kept.
-            let _ = cost.0.set(began.elapsed().as_secs_f64() * 1e6 * sum / work);
+            let _ = cost.0.set(began.elapsed().as_secs_f64() * 1e6 * counts.iter().sum::<f64>() / work);
         }
         for (view, events) in own.into_iter().zip(found) {
             let complete_us = complete_us(&all_pixels[view], &blocks[view]);
@@ -374,5 +385,24 @@ fn follow(
                 return Ok(());
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn views_behind_go_on_together_as_far_as_there_is_room() {
+        let next = |complete: &[i64], horizon_us, room| {
+            let chosen = behind((complete, &[10.0; 4]), |view| complete[view] + 30, horizon_us, room);
+            (0..4).filter(|view| chosen[*view]).collect::<Vec<_>>()
+        };
+        assert_eq!(next(&[50, 20, 40, 60], 1000, 100.0), [1, 2]);
+        assert_eq!(next(&[50, 20, 40, 49], 1000, 100.0), [1, 2, 3]);
+        assert_eq!(next(&[20, 20, 20, 20], 1000, 30.0), [0, 1, 2]);
+        assert_eq!(next(&[20, 20, 20, 20], 1000, 0.0), [0], "one after the other");
+        assert_eq!(next(&[50, 20, 40, 60], 40, 100.0), [1], "beyond what is wanted");
+        assert_eq!(next(&[50, 40, 40, 60], 40, 100.0), [0_usize; 0]);
     }
 }

@@ -127,13 +127,14 @@ impl Lists {
             work.extend(surface.clusters.clone().map(|cluster| (index, cluster)));
         }
         let worst_error_px = spans.iter().flatten().map(|s| s.error_px).fold(0.0, f64::max);
-        let records: Vec<Vec<Record>> = work
+        let found: Vec<Vec<Record>> = work
             .par_iter()
             .map(|&(surface, cluster)| {
                 of_cluster(world, (surface, cluster), &spans[surface], mirrored[surface], &depths)
             })
             .collect();
-        let records: Vec<Record> = records.into_iter().flatten().collect();
+        let mut records = Vec::with_capacity(found.iter().map(Vec::len).sum());
+        records.extend(found.into_iter().flatten());
         let size = [world.lens.width, world.lens.height].map(|v| (v as usize).div_ceil(TILE));
         let mut rows = vec![Vec::new(); size[1]];
         for (index, record) in records.iter().enumerate() {

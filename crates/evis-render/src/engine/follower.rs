@@ -256,13 +256,17 @@ fn event_bytes(count: u32) -> u64 {
     u64::from(HEAD_WORDS) * 4 + u64::from(count) * size_of::<Event>() as u64
 }
 
+/// Whether a binding can hold a buffer that grows to so many bytes: it does so to powers of two, and is bound as a whole.
+fn fits(gpu: &Gpu, bytes: u64) -> bool {
+    bytes.next_power_of_two() <= gpu.device.limits().max_storage_buffer_binding_size
+}
+
 /// Refuses what no binding can hold.
 fn check(gpu: &Gpu, what: &str, bytes: u64) -> Result<(), Error> {
-    let most = gpu.device.limits().max_storage_buffer_binding_size;
-    // Buffers that grow do so to powers of two, and are bound as a whole.
-    if bytes.next_power_of_two() <= most {
+    if fits(gpu, bytes) {
         return Ok(());
     }
+    let most = gpu.device.limits().max_storage_buffer_binding_size;
     Err(Error::Device(format!(
         "the {what} take {} MB, and a binding of {} holds {}; choose a smaller picture or smaller textures, or let the \
          processor follow pixels",
@@ -286,11 +290,13 @@ impl Device for Follower {
         self.send(block)?;
         let mut capacity = (self.events_per_pixel * block.pixels.len() as u32).max(1);
         let mut used = self.run(block, capacity)?;
-        // Pixels stop where an event does not fit: there may be more of them than were counted.
-        while used > capacity {
+        // Pixels stop where an event does not fit: there may be more of them than were counted. Those for which no binding has room
+        // are the processor's.
+        while used > capacity && fits(&self.gpu, event_bytes(used.saturating_mul(2))) {
             capacity = used.saturating_mul(2);
             used = self.run(block, capacity)?;
         }
+        let used = used.min(capacity);
         let pixels = size_of_val(&block.pixels[..]) as u64;
         let bytes = self.read(&[(&self.pixels, pixels), (&self.events, event_bytes(used))])?;
         let (pixels, events) = bytes.split_at(pixels as usize);
