@@ -171,7 +171,12 @@ impl Follower {
         let row = size_of::<[f32; 4]>() as u64;
         let from = u64::from(block.kept_from) * row;
         check(&self.gpu, "patches of light", from + block.kept.len() as u64 * row)?;
-        self.kept.write_after(&self.gpu, from, bytemuck::cast_slice(&block.kept));
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        if let Some(old) = self.kept.write_after(device, queue, from, bytemuck::cast_slice(&block.kept)) {
+            let mut commands = Commands::new(&self.gpu, "what a device keeps");
+            commands.copy_buffer_to_buffer(&old, 0, self.kept.get(), 0, from);
+            commands.submit(&self.gpu);
+        }
         Ok(())
     }
 

@@ -2,8 +2,6 @@
 
 use std::sync::mpsc::{Receiver, channel};
 
-use crate::gpu::Gpu;
-use crate::gpu::commands::Commands;
 use crate::gpu::sizes::UNIFORM_ALIGNMENT;
 
 /// A buffer that grows to what is written into it.
@@ -37,17 +35,22 @@ impl GrowingBuffer {
         grown
     }
 
-    /// Writes `bytes` from byte `at` on, and keeps what lies before. Its usage must let it be copied.
-    pub fn write_after(&mut self, gpu: &Gpu, at: u64, bytes: &[u8]) {
+    /// Writes `bytes` from byte `at` on. Where it grows, what lies before is in the buffer that is returned, and must be copied
+    /// from there; then groups that bind it are stale.
+    #[must_use]
+    pub fn write_after(
+        &mut self,
+        device: &wgpu::Device,
+        queue: &wgpu::Queue,
+        at: u64,
+        bytes: &[u8],
+    ) -> Option<wgpu::Buffer> {
         let old = self.buffer.clone();
-        if self.reserve(&gpu.device, at + bytes.len() as u64) && at > 0 {
-            let mut commands = Commands::new(gpu, "what a buffer keeps that grows");
-            commands.copy_buffer_to_buffer(&old, 0, &self.buffer, 0, at);
-            commands.submit(gpu);
-        }
+        let grown = self.reserve(device, at + bytes.len() as u64);
         if !bytes.is_empty() {
-            gpu.queue.write_buffer(&self.buffer, at, bytes);
+            queue.write_buffer(&self.buffer, at, bytes);
         }
+        (grown && at > 0).then_some(old)
     }
 
     /// The buffer of now.
