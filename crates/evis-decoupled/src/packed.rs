@@ -35,6 +35,8 @@ pub const RESTED: u32 = 2;
 pub const BEGINS: u32 = 4;
 /// [`Pixel::flags`]: one facet fills it throughout, and no shadow comes into it.
 pub const PLAIN: u32 = 8;
+/// [`Pixel::flags`]: it is seen through a distorted lens.
+pub const BENT: u32 = 16;
 /// Of a pixel's entry: it fills the pixel throughout.
 pub const COVERS: u32 = 1 << 31;
 
@@ -176,14 +178,15 @@ pub struct Pixel {
     pub above: f32,
     /// Luminance of the next OFF event.
     pub below: f32,
-    /// [`HAS_BEFORE`], [`RESTED`], [`BEGINS`], [`PLAIN`].
+    /// [`HAS_BEFORE`], [`RESTED`], [`BEGINS`], [`PLAIN`], [`BENT`].
     pub flags: u32,
     /// Evaluations.
     pub evaluations: u32,
     /// 1: something did not fit, and what became of it counts for nothing.
     pub failed: u32,
-    /// Zero.
-    pub pad: u32,
+    /// Of a distorted lens: first of six rows of [`Row::points`], those of the matrix from image points about the picture's centre to
+    /// points of the pixel, and of its inverse.
+    pub frame: u32,
 }
 
 /// An event of one of the pixels.

@@ -124,9 +124,8 @@ impl Loaded {
             }
             if view.replace(own.view) != Some(own.view) {
                 let mut job = packed::Job { looks: self.keep(own.looks, &mut block), ..*own.job };
-                if let Some(sky) = self.sky.take() {
-                    (job.sky, job.sky_levels) = (self.keep(&sky.rows, &mut block), sky.levels);
-                    self.sky = Some(sky);
+                if let Some(packed::Sky { rows, levels }) = self.sky.clone() {
+                    (job.sky, job.sky_levels) = (self.keep(&rows, &mut block), levels);
                 }
                 block.jobs.push(job);
             }

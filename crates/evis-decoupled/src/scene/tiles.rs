@@ -162,6 +162,17 @@ impl TileView {
         )
     }
 
+    /// From homogeneous points of the picture without distortion, about its point `centre`, to those of pixel number `pixel`, and the
+    /// way back.
+    pub fn pixel_maps(&self, pixel: usize, centre: [f64; 2]) -> [DMat3; 2] {
+        let PixelFrame { middle, axes } = self.pixel(pixel);
+        let [right, down] = axes.unwrap_or([[1.0, 0.0], [0.0, 1.0]]).map(|v| DVec3::new(v[0], v[1], 0.0));
+        let tile_from_pixel = DMat3::from_cols(right, down, DVec3::new(middle[0], middle[1], 1.0));
+        let centre = DVec2::from_array(centre);
+        let about = [centre, -centre].map(DMat3::from_translation);
+        [tile_from_pixel.inverse() * self.map * about[0], about[1] * self.inverse * tile_from_pixel]
+    }
+
     /// Whether its pixels are squares side by side.
     pub fn is_square(&self) -> bool {
         self.bent.is_none()

@@ -277,7 +277,9 @@ impl Evaluator<'_> {
         let record = |entry: &Entry| &self.lists.records[entry.record as usize];
         let seen = |entry: &&Entry| entry.touches & pixels != 0;
         let plain = entries.iter().filter(seen).all(|entry| lighting.is_packable(record(entry).facet));
-        if !(work.view.is_square() && plain) {
+        // Parameters of facets are linear before parallel rays, and projective behind a lens that bends them.
+        let bent = !work.view.is_square();
+        if !plain || (bent && self.lists.depths.far.is_finite()) {
             return None;
         }
         work.light.enter_pixel(false);
@@ -298,8 +300,18 @@ impl Evaluator<'_> {
             let centre = [at.x - middle[0], at.y - middle[1]].map(|v| v as f32);
             let (own_count, number) = (own.len() as u32, pixel as u32);
             let plain = |own: &Own| own.covers && !lighting.is_shadowed(&work.light, own.slot, pixel);
-            let flags = if matches!(own, [own] if plain(own)) { packed::PLAIN } else { 0 };
-            packed::Pixel { centre, own: first, own_count, number, flags, ..Default::default() }
+            let mut packed = packed::Pixel { centre, own: first, own_count, number, ..Default::default() };
+            if bent {
+                packed.flags = packed::BENT;
+                packed.frame = packer.row.points.len() as u32;
+                for map in work.view.pixel_maps(pixel, middle) {
+                    let rows = map.transpose().to_cols_array_2d();
+                    packer.row.points.extend(rows.map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0]));
+                }
+            } else if matches!(own, [own] if plain(own)) {
+                packed.flags = packed::PLAIN;
+            }
+            packed
         };
         Some(bits(pixels).map(packed).collect())
     }

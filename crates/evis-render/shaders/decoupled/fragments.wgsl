@@ -78,10 +78,10 @@ fn see(k: u32, own: u32, u: f32) -> bool {
         && bound_fragment(k, e3 * side))) {
         return false;
     }
-    if ((flags & CROSSES_NEAR) != 0u && !bound_fragment(k, vec3<f32>(0.0, 0.0, job.near) - inverse_depth)) {
+    if ((flags & CROSSES_NEAR) != 0u && !bound_fragment(k, depth_plane(job.near) - inverse_depth)) {
         return false;
     }
-    return (flags & CROSSES_FAR) == 0u || bound_fragment(k, inverse_depth - vec3<f32>(0.0, 0.0, job.far));
+    return (flags & CROSSES_FAR) == 0u || bound_fragment(k, inverse_depth - depth_plane(job.far));
 }
 
 // Where fragment `i` lies before `k`: all of the pixel (1), nothing of it (-1), or where `difference` is not negative (0).

@@ -1,5 +1,7 @@
 // Pixels that one facet fills throughout and into which no shadow comes: of code that is never reached drivers make none.
 override PLAIN: bool = false;
+// Pixels behind a distorted lens: each has a map of its own.
+override BENT: bool = false;
 
 // What the host packs of a block (`packed` of evis-decoupled). Indices of a row of tiles count from the bases that
 // its pixels name.
@@ -41,9 +43,10 @@ struct Batch {
     jobs: u32,
     // Row of `fixed` at which sums of texels begin.
     sums: u32,
+    // Where pixels that are neither plain nor behind a distorted lens are listed, and those behind one.
+    others: u32,
+    bent: u32,
     pad_0: u32,
-    pad_1: u32,
-    pad_2: u32,
 };
 
 // Rows of a job: its own, then directions on the sky, then those of its lamps.
@@ -102,12 +105,13 @@ struct Pixel {
     evaluations: u32,
     // Something did not fit: what became of it counts for nothing.
     failed: u32,
-    pad: u32,
+    // First of six rows of `points`, of a distorted lens: the matrix to points of the pixel, and its inverse.
+    frame: u32,
 };
 
 const ROUNDS: u32 = 64u;
-// Of each round, and of the one after the last; of plain pixels, and then of all others.
-const ROUND_COUNTS: u32 = 2u * (ROUNDS + 1u);
+// Of each round, and of the one after the last; of plain pixels, of those behind a distorted lens last, of all others between.
+const ROUND_COUNTS: u32 = 3u * (ROUNDS + 1u);
 
 struct Turn {
     // In which each pixel is evaluated once at most.
@@ -162,8 +166,7 @@ const TAU: f32 = 6.283185307179586;
 @group(0) @binding(5) var<storage, read> fixed: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<Pixel>;
 @group(0) @binding(7) var<storage, read_write> events: Events;
-// Pixels to evaluate in even rounds and in odd ones, plain ones from the front and others from the back; then where each of
-// them is.
+// Pixels to evaluate in even rounds and in odd ones; then where each of them is.
 @group(0) @binding(8) var<storage, read_write> scratch: array<u32>;
 @group(0) @binding(9) var<uniform> turn: Turn;
 
@@ -180,6 +183,9 @@ struct Bases {
 var<private> base: Bases;
 var<private> job: Job;
 var<private> centre: vec2<f32>;
+// Rows of the maps of a pixel behind a distorted lens.
+var<private> to_pixel: mat3x3<f32>;
+var<private> from_pixel: mat3x3<f32>;
 var<private> number: u32;
 var<private> failed: bool;
 
@@ -197,6 +203,36 @@ fn enter_row(at: u32) {
     job = Job(
         a.x, a.y, a.z, a.w, b.x, b.y, b.z, b.w, c.x, numbers.y, numbers.z, numbers.w, others.x, others.y, others.z, d.w
     );
+}
+
+// Takes the maps of a pixel behind a distorted lens from the rows of `points` from `row` on.
+fn enter_frame(row: u32) {
+    to_pixel = mat3x3<f32>(points[row].xyz, points[row + 1u].xyz, points[row + 2u].xyz);
+    from_pixel = mat3x3<f32>(points[row + 3u].xyz, points[row + 4u].xyz, points[row + 5u].xyz);
+}
+
+// A homogeneous image point about the pixel's centre.
+fn about_pixel(h: vec3<f32>) -> vec3<f32> {
+    if (BENT) {
+        return h * to_pixel;
+    }
+    return vec3<f32>(h.xy - centre * h.z, h.z);
+}
+
+// The image point about the picture's centre at a place in the pixel.
+fn image_point(at: vec2<f32>) -> vec3<f32> {
+    if (BENT) {
+        return vec3<f32>(at, 1.0) * from_pixel;
+    }
+    return vec3<f32>(centre + at, 1.0);
+}
+
+// 1 / depth, as facets have it, of the plane at a depth.
+fn depth_plane(inverse: f32) -> vec3<f32> {
+    if (BENT) {
+        return from_pixel[2] * inverse;
+    }
+    return vec3<f32>(0.0, 0.0, inverse);
 }
 
 // Homogeneous image point of a lamp about the picture's centre, and its weight: 1 for a place, 0 for a direction.
@@ -252,13 +288,11 @@ fn corners_at(row: u32, v: f32) -> array<vec3<f32>, 4> {
     let x = points[at] + v * (points[at + 3u] + v * points[at + 6u]);
     let y = points[at + 1u] + v * (points[at + 4u] + v * points[at + 7u]);
     let z = points[at + 2u] + v * (points[at + 5u] + v * points[at + 8u]);
-    let dx = x - centre.x * z;
-    let dy = y - centre.y * z;
     return array<vec3<f32>, 4>(
-        vec3<f32>(dx.x, dy.x, z.x),
-        vec3<f32>(dx.y, dy.y, z.y),
-        vec3<f32>(dx.z, dy.z, z.z),
-        vec3<f32>(dx.w, dy.w, z.w),
+        about_pixel(vec3<f32>(x.x, y.x, z.x)),
+        about_pixel(vec3<f32>(x.y, y.y, z.y)),
+        about_pixel(vec3<f32>(x.z, y.z, z.z)),
+        about_pixel(vec3<f32>(x.w, y.w, z.w)),
     );
 }
 

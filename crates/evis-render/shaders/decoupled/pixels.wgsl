@@ -34,12 +34,13 @@ var<private> fired_count: u32;
 
 // Where it is counted how many pixels of this kind go on in a round.
 fn count_at(round: u32) -> u32 {
-    return round + select(ROUNDS + 1u, 0u, PLAIN);
+    return round + select(select(1u, 2u, BENT), 0u, PLAIN) * (ROUNDS + 1u);
 }
 
 // Where pixel number `number` of this kind is listed in a round.
 fn slot_at(round: u32, number: u32) -> u32 {
-    return (round % 2u) * batch.pixels + select(batch.pixels - 1u - number, number, PLAIN);
+    let first = select(select(batch.others, batch.bent, BENT), 0u, PLAIN);
+    return (round % 2u) * batch.pixels + first + number;
 }
 
 fn dark_floor() -> f32 {
@@ -331,6 +332,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let pixel = pixels[index];
     enter_row(pixel.bases);
     centre = pixel.centre;
+    if (BENT) {
+        enter_frame(base.points + pixel.frame);
+    }
     number = pixel.number;
     failed = false;
     follow_pixel(index, pixel);

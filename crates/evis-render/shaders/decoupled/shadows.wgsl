@@ -30,7 +30,7 @@ fn bound_shadow(count: ptr<function, u32>, line: vec3<f32>) -> bool {
 fn shadow_of(row: u32, lamp: u32, receiver: vec3<f32>, u: f32) -> i32 {
     let corners = corners_at(row, u);
     let h = lamp_at(lamp, u);
-    let place = vec3<f32>(h.xy - centre * h.z, h.z);
+    let place = about_pixel(h.xyz);
     let along = corners[1] - corners[0];
     let beside = corners[3] - corners[0];
     let normal = cross(along, beside);

@@ -69,8 +69,8 @@ fn background_of(m: Moments, u: f32) -> f32 {
     for (var j = 0u; j < places; j++) {
         for (var i = 0u; i < places; i++) {
             let s = (vec2<f32>(f32(i), f32(j)) + 0.5) / count - 0.5;
-            let at = centre + sides.middle + s.x * sides.along + s.y * sides.down;
-            sum += sky_at(x * at.x + y * at.y + z, level);
+            let at = image_point(sides.middle + s.x * sides.along + s.y * sides.down);
+            sum += sky_at(x * at.x + y * at.y + z * at.z, level);
         }
     }
     return sum / (count * count);

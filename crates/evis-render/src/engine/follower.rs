@@ -1,9 +1,9 @@
 //! Pixels of decoupled sampling, followed on a device: blocks go up, events come down.
 
 use std::fmt;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
-use evis_decoupled::packed::{Block, Event, PLAIN, Pixel, Textures};
+use evis_decoupled::packed::{BENT, Block, Event, PLAIN, Pixel, Textures};
 use evis_decoupled::signal::pixel::UNITS;
 use evis_decoupled::{Device, Devices, Error};
 use wgpu::util::DeviceExt;
@@ -15,7 +15,7 @@ use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::sizes::{self, UNIFORM_ALIGNMENT};
 use crate::gpu::uniforms::{Batch, Turn};
-use crate::pass::decoupled::{GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH_WORDS};
+use crate::pass::decoupled::{CLASSES, GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH_WORDS};
 use crate::pass::{ComputePass, decoupled, group};
 
 /// Events that fit for each pixel, of all pixels together; where there are more, the block is followed again with room for them.
@@ -26,8 +26,8 @@ const MOST_BYTES: u64 = 64 << 20;
 /// Rounds beyond those in which pixels are evaluated where they surely are.
 const MORE_ROUNDS: u32 = 8;
 
-/// Of plain pixels, and of all others.
-type Passes = [ComputePass; 2];
+/// By class, made when there are first pixels of it.
+type Passes = [OnceLock<ComputePass>; CLASSES];
 
 /// Devices on one adapter, which share its pipelines.
 pub struct Followers {
@@ -49,15 +49,43 @@ impl Followers {
     /// # Errors
     /// What the device refuses.
     pub fn new(gpu: &Gpu) -> Result<Self, EngineError> {
-        let passes = || [true, false].map(|plain| decoupled::pixels(&gpu.device, plain));
-        let passes = Arc::new(gpu.guarded(|| Ok(passes()))?);
+        let passes = Arc::new(Passes::default());
+        for class in 0..2 {
+            pass_of(gpu, &passes, class)?;
+        }
         Ok(Self { gpu: gpu.clone(), passes, events_per_pixel: EVENTS_PER_PIXEL })
+    }
+
+    /// The same, ready for distorted lenses too.
+    #[cfg(test)]
+    pub(crate) fn with_all_passes(gpu: &Gpu) -> Result<Self, EngineError> {
+        let own = Self::new(gpu)?;
+        pass_of(gpu, &own.passes, CLASSES - 1)?;
+        Ok(own)
     }
 }
 
 impl Devices for Followers {
     fn open(&self, textures: &Textures) -> Result<Box<dyn Device>, Error> {
         Ok(Box::new(Follower::new(self, textures)?))
+    }
+}
+
+/// The pass of a class.
+fn pass_of<'p>(gpu: &Gpu, passes: &'p Passes, class: usize) -> Result<&'p ComputePass, EngineError> {
+    if let Some(pass) = passes[class].get() {
+        return Ok(pass);
+    }
+    let pass = gpu.guarded(|| Ok(decoupled::pixels(&gpu.device, class)))?;
+    Ok(passes[class].get_or_init(|| pass))
+}
+
+/// Which pipeline a pixel has, see [`decoupled::pixels`].
+fn class_of(pixel: &Pixel) -> usize {
+    match pixel.flags {
+        flags if flags & BENT != 0 => 2,
+        flags if flags & PLAIN != 0 => 0,
+        _ => 1,
     }
 }
 
@@ -192,21 +220,27 @@ impl Follower {
         self.pixels.write(device, queue, bytemuck::cast_slice(&block.pixels));
         let (columns, _) = sizes::dispatch(count, GROUP);
         let jobs = block.points.len() as u32;
+        // Class by class.
+        let mut numbers: [Vec<u32>; CLASSES] = Default::default();
+        for (number, pixel) in (0..).zip(&block.pixels) {
+            numbers[class_of(pixel)].push(number);
+        }
+        let mut going_on = numbers.each_ref().map(|own| own.len() as u32);
+        let (others, bent) = (going_on[0], going_on[0] + going_on[1]);
         let batch =
-            Batch { pixels: count, capacity, row: columns, jobs, sums: self.sums, ..Batch::default() };
+            Batch { pixels: count, capacity, row: columns, jobs, sums: self.sums, others, bent, pad_0: 0 };
         self.batch.write(device, queue, bytemuck::bytes_of(&batch));
-        // Plain pixels from the front, others from the back.
-        let is_plain = |number: &u32| block.pixels[*number as usize].flags & PLAIN != 0;
-        let (mut numbers, others): (Vec<u32>, Vec<u32>) = (0..count).partition(is_plain);
-        let mut going_on = [numbers.len() as u32, others.len() as u32];
-        numbers.extend(others.into_iter().rev());
-        self.scratch.write(device, queue, bytemuck::cast_slice(&numbers));
-        let groups = self.passes.each_ref().map(|pass| self.bind(pass));
+        self.scratch.write(device, queue, bytemuck::cast_slice(&numbers.concat()));
+        let mut passes = Vec::new();
+        for class in (0..CLASSES).filter(|class| going_on[*class] > 0) {
+            let pass = pass_of(&self.gpu, &self.passes, class).map_err(refused)?;
+            passes.push((class, pass, self.bind(pass)));
+        }
         let most = block.pixels.iter().map(|pixel| UNITS / pixel.stride.max(1)).max().unwrap_or(0);
         // An even number, see `ROUNDS`.
         let rounds = ((most + MORE_ROUNDS) / 2 * 2).min(ROUNDS);
         let (mut used, mut first) = (0, 0);
-        while going_on != [0; 2] {
+        while going_on != [0; CLASSES] {
             let mut head = vec![0; HEAD_WORDS as usize];
             head[0] = used;
             for (class, going_on) in going_on.into_iter().enumerate() {
@@ -217,20 +251,18 @@ impl Follower {
             for round in 0..rounds {
                 let turn = if round == 0 { first } else { round };
                 let offset = turn * UNIFORM_ALIGNMENT as u32;
-                for ((pass, group), going_on) in self.passes.iter().zip(&groups).zip(going_on) {
-                    let (own, rows) = sizes::dispatch(going_on, GROUP);
+                for (class, pass, group) in passes.iter().filter(|(class, ..)| going_on[*class] > 0) {
+                    let (own, rows) = sizes::dispatch(going_on[*class], GROUP);
                     // Rows are as long as `Batch::row` says, if there are several.
                     let own = if rows == 1 { own } else { columns };
-                    if going_on > 0 {
-                        pass.encode(&mut commands, group, &[offset], (own, rows, 1));
-                    }
+                    pass.encode(&mut commands, group, &[offset], (own, rows, 1));
                 }
             }
             commands.submit(&self.gpu);
             let head = self.read(&[(&self.events, u64::from(HEAD_WORDS) * 4)])?;
             let word = |at: usize| bytemuck::pod_read_unaligned::<u32>(&head[4 * at..][..4]);
             (used, first) = (word(0), ROUNDS);
-            going_on = [0, 1].map(|class| word(count_at(class, rounds)));
+            going_on = std::array::from_fn(|class| word(count_at(class, rounds)));
         }
         Ok(used)
     }
@@ -251,7 +283,7 @@ impl Follower {
     }
 }
 
-/// Where it is counted how many pixels go on in a round, of plain ones (0) and of others (1).
+/// Where it is counted how many pixels of a class go on in a round.
 fn count_at(class: usize, round: u32) -> usize {
     1 + class * (ROUNDS as usize + 1) + round as usize
 }

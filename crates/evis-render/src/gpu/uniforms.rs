@@ -330,12 +330,12 @@ pub struct Batch {
     pub jobs: u32,
     /// Row of textures at which sums of texels begin.
     pub sums: u32,
+    /// Where pixels that are neither plain nor behind a distorted lens are listed.
+    pub others: u32,
+    /// Where pixels behind a distorted lens are listed.
+    pub bent: u32,
     /// Zero.
     pub pad_0: u32,
-    /// Zero.
-    pub pad_1: u32,
-    /// Zero.
-    pub pad_2: u32,
 }
 
 /// `Turn` in `decoupled/layout.wgsl`.

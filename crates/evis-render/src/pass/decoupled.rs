@@ -11,8 +11,10 @@ pub const ROUNDS: u32 = 64;
 pub const STATE_WORDS: u32 = 28;
 /// Words per pixel that stay on the device between rounds: two lists, and what is known of it.
 pub const SCRATCH_WORDS: u32 = 2 + STATE_WORDS;
-/// Words before the events: how many there are, then how many pixels go on in each round, plain ones and others.
-pub const HEAD_WORDS: u32 = 1 + 2 * (ROUNDS + 1);
+/// Kinds of pixels that have pipelines of their own.
+pub const CLASSES: usize = 3;
+/// Words before the events: how many there are, then how many pixels of each class go on in each round.
+pub const HEAD_WORDS: u32 = 1 + CLASSES as u32 * (ROUNDS + 1);
 
 /// `decoupled/pixels.wgsl`.
 pub const PIXELS_BINDINGS: &[Binding] = &[
@@ -28,8 +30,8 @@ pub const PIXELS_BINDINGS: &[Binding] = &[
     bind(9, "turn", Access::DynamicUniform),
 ];
 
-/// The pass, for pixels that are `plain`, or for all others.
-pub fn pixels(device: &wgpu::Device, plain: bool) -> ComputePass {
-    let constants = [("PLAIN", f64::from(u8::from(plain)))];
+/// The pass, for plain pixels (class 0), for those behind a distorted lens (2), or for all others.
+pub fn pixels(device: &wgpu::Device, class: usize) -> ComputePass {
+    let constants = [("PLAIN", 0), ("BENT", 2)].map(|(name, own)| (name, f64::from(u8::from(class == own))));
     ComputePass::new(device, "decoupled/pixels.wgsl", PIXELS_BINDINGS, &constants)
 }

@@ -324,7 +324,7 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "decoupled/pixels.wgsl",
         "Batch",
-        uniforms::Batch { pixels, capacity, row, jobs, sums, pad_0, pad_1, pad_2 }
+        uniforms::Batch { pixels, capacity, row, jobs, sums, others, bent, pad_0 }
     );
     same_layout!(
         "decoupled/pixels.wgsl",
@@ -365,7 +365,7 @@ fn host_and_shader_structs_have_one_layout() {
             flags,
             evaluations,
             failed,
-            pad,
+            frame,
         }
     );
     same_layout!("decoupled/pixels.wgsl", "Event", packed::Event { pixel, word });
@@ -584,7 +584,7 @@ fn constants_agree() {
     for (name, value) in decoupled_constants {
         assert_eq!(constant("decoupled/pixels.wgsl", name), value, "{name}");
     }
-    // The counter of events, and two numbers for each round and the one after the last.
+    // The counter of events, and a number for each class, round, and the one after the last.
     assert_eq!(wgsl_struct("decoupled/pixels.wgsl", "Events").0[2].1, 4 * decoupled::HEAD_WORDS);
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();

@@ -257,7 +257,7 @@ fn build_engines(gpu: &Gpu) {
     for shadows in [Shadows::Maps, Shadows::Rays] {
         build_engine(gpu, &lit, RunConfig { shadows: Some(shadows), ..configs()[1].clone() });
     }
-    Followers::new(gpu).unwrap();
+    Followers::with_all_passes(gpu).unwrap();
 }
 
 /// Every pipeline that the product can build.

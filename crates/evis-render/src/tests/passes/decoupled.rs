@@ -9,7 +9,7 @@ use evis_core::{Event, SensorConfig};
 use evis_decoupled::packed::{self, Block, LIGHT_ALONE, Textures};
 use evis_decoupled::{Device, Devices, Error, Outcome, Settings, Stream, StreamSettings, View, simulate};
 use evis_scene::environment::Environment;
-use evis_scene::{Scene, Variant};
+use evis_scene::{Distortion, Lens, Scene, Variant};
 
 use crate::engine::follower::Followers;
 use crate::tests::random_scenes;
@@ -264,6 +264,45 @@ fn what_a_device_cannot_follow_the_processor_does_and_runs_give_the_same_bytes()
     let (mixed, _) = followed(&devices, &scene, &settings, Tampering::Fail(3));
     let (pixels, same, _) = alike(&own.events, &mixed.events);
     assert!(mixed.report.refollowed > 500 && 100 * same > 98 * pixels, "{same} of {pixels}");
+}
+
+#[test]
+fn a_device_sees_through_distorted_lenses() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
+    for name in ["street", "warehouse"] {
+        let mut scene = evis_scene::builtin::load(name, 0).unwrap();
+        scene.environment = Some(Environment::studio());
+        let camera = &mut scene.cameras[0];
+        camera.lens = Lens::Intrinsics { fx: 90.0, fy: 91.0, cx: 61.0, cy: 44.0 };
+        (camera.width, camera.height) = (Some(120), Some(90));
+        let distortion = Distortion::from_coefficients("radtan", &[-0.28, 0.07, 1e-3, -2e-3]).unwrap();
+        scene.distortions.insert(camera.name.clone(), distortion);
+        let settings = settings((120, 90));
+        let run = |tampering| {
+            let tampers = Arc::new(Tampers::new(&devices, tampering));
+            simulate(&scene, &Settings { devices: opened(&tampers), ..settings.clone() }).unwrap()
+        };
+        let (own, outcome) = (simulate(&scene, &settings).unwrap(), run(Tampering::None));
+        let (pixels, same, apart) = alike(&own.events, &outcome.events);
+        let report = &outcome.report;
+        println!(
+            "{name}: {same} of {pixels} pixels alike, {} us apart (99 %: {}); {} of {} evaluations on the device, {} left out",
+            quantile(&apart, 0.5),
+            quantile(&apart, 0.99),
+            report.on_device,
+            report.evaluations,
+            report.refollowed
+        );
+        assert!(own.events.len() > 500 && 100 * same > 98 * pixels, "{name}: {same} of {pixels}");
+        assert!(quantile(&apart, 0.5) <= 20 && quantile(&apart, 0.99) <= 1000, "{name}");
+        assert!(2 * report.on_device > report.evaluations, "{name}: {report:?}");
+        // Canary: the lens matters.
+        scene.distortions.clear();
+        let plain = simulate(&scene, &settings).unwrap();
+        let (pixels, same, _) = alike(&plain.events, &outcome.events);
+        assert!(100 * same < 90 * pixels, "{name}: {same} of {pixels} without distortion");
+    }
 }
 
 #[test]
