@@ -109,7 +109,7 @@ pub enum Compute {
     #[default]
     Cpu,
     /// By compute passes on the device, in 32 bits: pixels of sensors that are thresholds only. Tiles with materials that have more maps than
-    /// one of base colour, or behind a distorted lens, stay on the processor.
+    /// one of base colour stay on the processor, and orthographic cameras with a distorted lens.
     Gpu,
 }
 
