@@ -20,26 +20,27 @@ use crate::packed;
 
 /// An edge is read at one place between two lines where its lean times the cube of its height there, over the footprint's
 /// area, is at most this.
-const ONE_PLACE: f32 = 0.01;
+pub const ONE_PLACE: f32 = 0.01;
 /// Texels between pairs of places, where an edge leans by more; and most pairs between two lines.
-const SPACING: f32 = 2.0;
-const MOST_PARTS: f32 = 8.0;
+pub const SPACING: f32 = 2.0;
+/// See there.
+pub const MOST_PARTS: f32 = 8.0;
 /// Distance of the two points of Gauss from the middle of an interval, over its length.
 const GAUSS: f32 = 0.288_675_13;
 /// Edges that lead down by less are level.
 const FLAT: f32 = 1e-6;
 /// A footprint is no longer than this many texels; a smaller level is read in its place.
-const MOST_LINES: f64 = 128.0;
+pub const MOST_LINES: f64 = 128.0;
 /// A grid that spans more texels than this is not read.
 const MOST_EXTENT: f64 = 2048.0;
 /// Texels beyond either end of a clamped line whose sums are kept.
 const BORDER: i32 = 48;
 /// A footprint of less than this many texels is a point.
-const POINT: f64 = 0.02;
+pub const POINT: f64 = 0.02;
 /// Places per texel along either axis, beyond one, where places are read.
-const DENSITY: f64 = 2.5;
+pub const DENSITY: f64 = 2.5;
 /// Places along either axis, at most.
-const MOST: f64 = 16.0;
+pub const MOST: f64 = 16.0;
 
 /// The images of a scene with their mip levels, in linear light.
 pub struct Textures {
@@ -553,7 +554,7 @@ fn level_of([p, q]: [[f64; 2]; 2], levels: usize) -> usize {
 }
 
 /// Part of the footprint's variance that a level's own blur may be.
-const BLUR: f64 = 0.02;
+pub const BLUR: f64 = 0.02;
 
 impl Level {
     #[inline(always)]

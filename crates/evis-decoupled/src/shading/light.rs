@@ -53,8 +53,9 @@ const MOST_PERSPECTIVE: f64 = 0.015;
 /// Where shadows leave such a part of an area, base colour is averaged over what they leave.
 const PARTLY_LIT: std::ops::Range<f64> = 0.001..0.99;
 /// Places per texel along either side of a footprint on the sky; and most of them.
-const SKY_DENSITY: f64 = 3.0;
-const SKY_PLACES: u32 = 6;
+pub const SKY_DENSITY: f64 = 3.0;
+/// See there.
+pub const SKY_PLACES: u32 = 6;
 /// Places along either side of a footprint on a surface with maps, where there is no picture.
 const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.

@@ -556,7 +556,9 @@ fn constants_agree() {
         let file = if name == "STREAM_START" { "chain/begin.wgsl" } else { "chain/walk.wgsl" };
         assert_eq!(constant(file, name), value, "{name}");
     }
+    use evis_decoupled::image::texture;
     use evis_decoupled::packed;
+    use evis_decoupled::shading::light;
     use evis_decoupled::signal::{path, pixel};
     let decoupled_constants = [
         ("MOST_OWN", packed::MOST_OWN as f64),
@@ -578,6 +580,16 @@ fn constants_agree() {
         ("JOB_ROWS", packed::JOB_ROWS as f64),
         ("UNITS", pixel::UNITS.into()),
         ("INSTANT_US", path::INSTANT_US),
+        ("SKY_DENSITY", light::SKY_DENSITY),
+        ("SKY_PLACES", light::SKY_PLACES.into()),
+        ("ONE_PLACE", texture::ONE_PLACE.into()),
+        ("SPACING", texture::SPACING.into()),
+        ("MOST_PARTS", texture::MOST_PARTS.into()),
+        ("MOST_TEXTURE_LINES", texture::MOST_LINES),
+        ("POINT", f64::from(texture::POINT as f32)),
+        ("BLUR", f64::from(texture::BLUR as f32)),
+        ("DENSITY", texture::DENSITY),
+        ("MOST_PLACES", texture::MOST),
         ("ROUNDS", decoupled::ROUNDS.into()),
         ("STATE_WORDS", decoupled::STATE_WORDS.into()),
     ];
