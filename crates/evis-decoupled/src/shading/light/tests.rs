@@ -1,4 +1,4 @@
-//! Of what may throw a shadow, nothing is left out.
+//! Of what may throw a shadow, nothing is left out; the sky of a device is the sky.
 
 use super::*;
 use crate::scene::contour::area;
@@ -104,4 +104,43 @@ fn nothing_that_darkens_is_left_out(
     assert!(compared > 100 && darkened > 20 && canary > 3);
     // Areas of slivers are counted by few samples.
     assert!(off * 50 < compared, "{off} of {compared}");
+}
+
+#[test]
+fn the_sky_that_a_device_has_goes_on_beyond_edges_of_faces() {
+    use evis_scene::environment::{CubeMap, Environment, FACES, cube_coordinates};
+    let noise = |k: usize| half::f16::from_f64(0.1 + ((k * 7919) % 101) as f64 / 50.0);
+    let level = |size: usize| {
+        (0..FACES * size * size).map(|k| [noise(3 * k), noise(3 * k + 1), noise(k), half::f16::ONE])
+    };
+    let sky = CubeMap { size: 4, levels: vec![level(4).collect(), level(2).collect(), level(1).collect()] };
+    let environment = Environment { sky, intensity: 1.5, ..Environment::studio() };
+    let scene = evis_scene::Scene { environment: Some(environment.clone()), ..Default::default() };
+    let packed = packed::pack_sky(&scene).unwrap();
+    let word = |row: usize, k: usize| packed.rows[row][k].to_bits() as usize;
+    let number = |index: usize| f64::from(packed.rows.as_flattened()[4 * packed.levels as usize + index]);
+    // As `sky_level` of decoupled/sky.wgsl.
+    let seen = |level: usize, direction: DVec3| {
+        let (face, s, t) = cube_coordinates(direction);
+        let size = word(level, 1);
+        let place = [s, t].map(|v| (v + 1.0) * 0.5 * size as f64 + 0.5);
+        let [x, y] = place.map(|v| (v as usize).min(size));
+        let first = word(level, 0) + (face * (size + 2) + y) * (size + 2) + x;
+        let [w, v] = [place[0] - x as f64, place[1] - y as f64];
+        let row = |first: usize| number(first) * (1.0 - w) + number(first + 1) * w;
+        row(first) * (1.0 - v) + row(first + size + 2) * v
+    };
+    let mut beyond = 0;
+    for k in 0..4000 {
+        let f = f64::from(k);
+        let direction = DVec3::new((f * 0.7).sin(), (f * 1.3).cos(), (f * 2.9).sin());
+        for level in 0..3 {
+            let color = environment.sky.sample(direction, level as f64);
+            let expected = 1.5 * material::LUMINANCE.dot(wide(color));
+            assert!((seen(level, direction) - expected).abs() < 1e-5, "{direction} on level {level}");
+        }
+        let (_, s, t) = cube_coordinates(direction);
+        beyond += usize::from(s.abs().max(t.abs()) > 0.75);
+    }
+    assert!(beyond > 1000, "{beyond} near edges");
 }
