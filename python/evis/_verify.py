@@ -17,7 +17,7 @@ from ._chart import SceneChart, _scene_chart, truth_request
 from ._request import LightRequest
 from ._scene import Scene, raw_of
 from ._sensor import Sensor
-from ._simulator import Device, _selector
+from ._simulator import Device, _selector, _word
 
 TriggerVariant = Literal["crossing", "latch"]
 """Crossings on a straight line of log intensity, or at most one event per sample."""
@@ -498,7 +498,7 @@ def verify_failures(
     text = _evis.verify_failures(
         methods=None if methods is None else _check.names("methods", methods),
         failures=None if failures is None else _check.names("failures", failures),
-        compute=None if compute is None else str(compute),
+        compute=_word(compute),
         cache=_evis.chart_cache() if cache is True else None if cache is False else Path(cache),
         device=_selector(device),
     )

@@ -228,14 +228,12 @@ pub struct Row {
 impl Row {
     /// Bytes of each of its arrays, without patches.
     pub fn bytes(&self) -> [usize; 4] {
-        let Self { entries, words, points, pixels, .. } = self;
-        [
-            size_of_val(&entries[..]),
-            size_of_val(&words[..]),
-            size_of_val(&points[..]),
-            size_of_val(&pixels[..]),
-        ]
+        bytes_of((&self.entries, &self.words), (&self.points, &self.pixels))
     }
+}
+
+fn bytes_of((entries, words): (&[Entry], &[u32]), (points, pixels): (&[[f32; 4]], &[Pixel])) -> [usize; 4] {
+    [size_of_val(entries), size_of_val(words), size_of_val(points), size_of_val(pixels)]
 }
 
 /// A block of some views, or of some rows of their tiles.
@@ -247,9 +245,9 @@ pub struct Block {
     pub words: Vec<u32>,
     /// All rows' points.
     pub points: Vec<[f32; 4]>,
-    /// Rows to keep, and the row of the device's array from which on they lie; what is before them stays.
+    /// Rows that the device is to keep from now on.
     pub kept: Vec<[f32; 4]>,
-    /// See there.
+    /// The row of the device's array at which these begin; what lies before stays.
     pub kept_from: u32,
     /// All rows' pixels.
     pub pixels: Vec<Pixel>,
@@ -279,13 +277,7 @@ impl Block {
 
     /// Bytes of each of its arrays, as [`Row::bytes`] has them.
     pub fn bytes(&self) -> [usize; 4] {
-        let Self { entries, words, points, pixels, .. } = self;
-        [
-            size_of_val(&entries[..]),
-            size_of_val(&words[..]),
-            size_of_val(&points[..]),
-            size_of_val(&pixels[..]),
-        ]
+        bytes_of((&self.entries, &self.words), (&self.points, &self.pixels))
     }
 }
 

@@ -116,7 +116,8 @@ fn dense(asked: DenseRequest) -> Result<DenseOutput, Failure> {
     Ok(DenseOutput { kind, window_us })
 }
 
-fn word<T: Word>(what: &str, word: Option<String>) -> Result<Option<T>, ConfigError> {
+/// The value that a word stands for.
+pub(crate) fn word<T: Word>(what: &str, word: Option<String>) -> Result<Option<T>, ConfigError> {
     word.map(|word| T::of_word(what, &word)).transpose()
 }
 

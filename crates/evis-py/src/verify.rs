@@ -6,12 +6,13 @@ use evis_chart::verify::failures::{NamedMethod, methods};
 use evis_chart::verify::{FailureSettings, LightSettings, Report, SceneSettings, verify_forms};
 use evis_core::Word as _;
 use evis_core::closed_form::convergence::Variant;
-use evis_render::{Compute, Shadows};
+use evis_render::Shadows;
 use pyo3::prelude::*;
 
 use crate::chart::{TruthRequest, measured};
 use crate::errors::Failure;
 use crate::gil::Detach;
+use crate::request::word;
 use crate::scene::Scene;
 
 /// What a text of JSON is called in errors.
@@ -69,9 +70,7 @@ pub(crate) fn verify_failures(
         methods: methods.map_err(Failure::from)?,
         failures: failures.unwrap_or_default(),
         cache,
-        compute: compute
-            .map_or_else(|| Ok(Compute::default()), |word| Compute::of_word("compute", &word))
-            .map_err(Failure::from)?,
+        compute: word("compute", compute).map_err(Failure::from)?.unwrap_or_default(),
     };
     // Before a device is opened.
     settings.check().map_err(Failure::from)?;

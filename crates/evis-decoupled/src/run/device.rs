@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt::Debug;
 use std::sync::{Arc, Weak};
 
-use evis_core::{Event, Polarity};
+use evis_core::{Event, Polarity, SensorConfig};
 use evis_scene::Scene;
 
 use crate::Error;
@@ -62,13 +62,21 @@ pub(crate) struct ViewRow<'r> {
 }
 
 impl Loaded {
-    /// One of `devices`, for views of `scene`.
+    /// One of `devices`, for views of `scene` with these `sensors`; `None` where there are no devices, or nothing for them to do: they
+    /// follow pixels of sensors of two thresholds.
     ///
     /// # Errors
     /// As [`Devices::open`].
-    pub(crate) fn open(devices: &dyn Devices, scene: &Scene, shared: &Shared) -> Result<Self, Error> {
+    pub(crate) fn open<'s>(
+        devices: Option<&Arc<dyn Devices>>,
+        mut sensors: impl Iterator<Item = &'s SensorConfig>,
+        scene: &Scene,
+        shared: &Shared,
+    ) -> Result<Option<Self>, Error> {
+        let Some(devices) = devices.filter(|_| sensors.any(SensorConfig::is_ideal)) else { return Ok(None) };
         let device = devices.open(&shared.pack(scene))?;
-        Ok(Self { device, kept: HashMap::default(), rows: 0, sky: pack_sky(scene), looks: Vec::new() })
+        let (kept, looks) = (HashMap::default(), Vec::new());
+        Ok(Some(Self { device, kept, rows: 0, sky: pack_sky(scene), looks }))
     }
 
     /// Appearances of the facets of `lighting`, those of another view where they are the same.

@@ -48,10 +48,8 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     let measured = || seen.as_deref().map_or(1.0, reference_luminance);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
     let mut pixels = Pixels::new(&world, settings, reference, &[])?;
-    let mut device = match &settings.devices {
-        Some(devices) => Some(Loaded::open(&**devices, scene, &shared)?),
-        None => None,
-    };
+    let sensors = std::iter::once(&settings.sensor);
+    let mut device = Loaded::open(settings.devices.as_ref(), sensors, scene, &shared)?;
     if let Some(seen) = &seen {
         pixels.begin(&world, seen, first.start_us);
     }

@@ -320,11 +320,8 @@ fn follow(
     if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
         all_pixels[0].begin(&worlds[0], &picture, t_us);
     }
-    let is_ideal = |view: &View| view.sensor.is_ideal();
-    let mut device = match settings.devices.as_ref().filter(|_| views.iter().any(is_ideal)) {
-        Some(devices) => Some(Loaded::open(&**devices, scene, &shared)?),
-        None => None,
-    };
+    let sensors = views.iter().map(|view| &view.sensor);
+    let mut device = Loaded::open(settings.devices.as_ref(), sensors, scene, &shared)?;
     // Nobody waits for it: then the wanted times end, too.
     let _ = ready.send(Ok(reference));
 
@@ -341,12 +338,12 @@ fn follow(
         // The processor follows one view after the other, a device several together.
         let room = if device.is_some() { MOST_PIXELS } else { 0.0 };
         let end_us = |view: usize| blocks[view].peek().end_us.floor() as i64 - start_us;
-        let behind = behind((&complete, &counts), end_us, horizon_us, room);
+        let chosen = behind((&complete, &counts), end_us, horizon_us, room);
         let began = Instant::now();
         let mut turns = Vec::new();
         let each = worlds.iter().zip(&mut lightings).zip(&mut all_pixels).zip(&mut blocks);
-        for (((((world, lighting), pixels), blocks), is_behind), view) in each.zip(&behind).zip(0..) {
-            if *is_behind && let Some(block) = blocks.pop() {
+        for (((((world, lighting), pixels), blocks), is_chosen), view) in each.zip(&chosen).zip(0..) {
+            if *is_chosen && let Some(block) = blocks.pop() {
                 let jumps_next = blocks.next_jumps();
                 turns.push((view, Turn { world, lighting, pixels, block, jumps_next }));
             }

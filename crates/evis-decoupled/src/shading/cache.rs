@@ -1,4 +1,4 @@
-//! What is kept of surfaces from block to block, as long as it is asked for.
+//! What is kept of surfaces from block to block, as long as it is used.
 
 use std::collections::HashMap;
 use std::hash::{BuildHasher, Hash};
@@ -8,17 +8,17 @@ use crate::hash::Words;
 
 /// Maps that share the work of a lock.
 const SHARDS: usize = 64;
-/// Blocks after which what nobody has asked for is forgotten: what a camera passes would fill all memory.
+/// Blocks after which an unused value is dropped: what a moving camera has passed would fill all memory.
 const IDLE_BLOCKS: u64 = 8;
 
-/// Values that many threads ask for.
+/// Values by key, shared by threads.
 pub struct Cache<K, T> {
-    shards: Vec<Mutex<HashMap<K, Kept<T>, Words>>>,
+    shards: Vec<Mutex<HashMap<K, Used<T>, Words>>>,
 }
 
-struct Kept<T> {
+struct Used<T> {
     value: Arc<T>,
-    /// The block in which it was asked for last.
+    /// The block in which it was used last.
     block: u64,
 }
 
@@ -29,25 +29,25 @@ impl<K, T> Default for Cache<K, T> {
 }
 
 impl<K: Eq + Hash, T> Cache<K, T> {
-    /// The value of `key`, which is asked for in block number `block`; `make` finds it where it is not known. It depends on the key
-    /// alone, so that it does not matter which of several threads finds it.
+    /// The value of `key`, used in block number `block`; `make` computes it if it is not known. It must depend on the key alone: if
+    /// several threads compute it, all of them get the same.
     pub fn get(&self, key: K, block: u64, make: impl FnOnce(&K) -> T) -> Arc<T> {
         let shard = (Words::default().hash_one(&key) >> 32) as usize % SHARDS;
         let lock = || self.shards[shard].lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(kept) = lock().get_mut(&key) {
-            kept.block = block;
-            return Arc::clone(&kept.value);
+        if let Some(used) = lock().get_mut(&key) {
+            used.block = block;
+            return Arc::clone(&used.value);
         }
         let value = Arc::new(make(&key));
-        lock().insert(key, Kept { value: Arc::clone(&value), block });
+        lock().insert(key, Used { value: Arc::clone(&value), block });
         value
     }
 
-    /// Before block number `block`: forgets what is not `wanted`, and what was not asked for during the last blocks.
+    /// Before block number `block`: drops what is not `wanted`, and what was not used during the last blocks.
     pub fn retain(&mut self, block: u64, wanted: impl Fn(&K) -> bool) {
         for shard in &mut self.shards {
             let map = shard.get_mut().unwrap_or_else(PoisonError::into_inner);
-            map.retain(|key, kept| kept.block + IDLE_BLOCKS >= block && wanted(key));
+            map.retain(|key, used| used.block + IDLE_BLOCKS >= block && wanted(key));
             if map.len() < map.capacity() / 4 {
                 map.shrink_to_fit();
             }
@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_asked_for_stays_and_all_else_is_forgotten() {
+    fn what_is_used_stays_and_all_else_is_dropped() {
         let mut cache = Cache::<u32, u32>::default();
         let known = |cache: &Cache<u32, u32>, key: u32, block: u64| {
             let mut known = true;
@@ -76,7 +76,7 @@ mod tests {
         }
         for block in 2..30 {
             cache.retain(block, |key| *key != 7);
-            // What is asked for in every fourth block.
+            // Some are used in every fourth block.
             assert_eq!((0..5).filter(|key| block % 4 == 0 && !known(&cache, *key, block)).count(), 0);
         }
         let left: usize = cache.shards.iter().map(|shard| shard.lock().unwrap().len()).sum();

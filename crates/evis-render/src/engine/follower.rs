@@ -3,7 +3,7 @@
 use std::fmt;
 use std::sync::{Arc, OnceLock};
 
-use evis_decoupled::packed::{BENT, Block, Event, PLAIN, Pixel, Textures};
+use evis_decoupled::packed::{self, Block, Event, Pixel, Textures};
 use evis_decoupled::signal::pixel::UNITS;
 use evis_decoupled::{Device, Devices, Error};
 use wgpu::util::DeviceExt;
@@ -50,7 +50,7 @@ impl Followers {
     /// What the device refuses.
     pub fn new(gpu: &Gpu) -> Result<Self, EngineError> {
         let passes = Arc::new(Passes::default());
-        for class in 0..2 {
+        for class in [decoupled::PLAIN, decoupled::OTHERS] {
             pass_of(gpu, &passes, class)?;
         }
         Ok(Self { gpu: gpu.clone(), passes, events_per_pixel: EVENTS_PER_PIXEL })
@@ -60,7 +60,7 @@ impl Followers {
     #[cfg(test)]
     pub(crate) fn with_all_passes(gpu: &Gpu) -> Result<Self, EngineError> {
         let own = Self::new(gpu)?;
-        pass_of(gpu, &own.passes, CLASSES - 1)?;
+        pass_of(gpu, &own.passes, decoupled::BENT)?;
         Ok(own)
     }
 }
@@ -83,9 +83,9 @@ fn pass_of<'p>(gpu: &Gpu, passes: &'p Passes, class: usize) -> Result<&'p Comput
 /// Which pipeline a pixel has, see [`decoupled::pixels`].
 fn class_of(pixel: &Pixel) -> usize {
     match pixel.flags {
-        flags if flags & BENT != 0 => 2,
-        flags if flags & PLAIN != 0 => 0,
-        _ => 1,
+        flags if flags & packed::BENT != 0 => decoupled::BENT,
+        flags if flags & packed::PLAIN != 0 => decoupled::PLAIN,
+        _ => decoupled::OTHERS,
     }
 }
 
@@ -191,9 +191,15 @@ impl Follower {
 
     /// Sends `block` up, but for its pixels.
     fn send(&mut self, block: &Block) -> Result<(), Error> {
-        let mut points: Vec<u8> = bytemuck::cast_slice(&block.points).to_vec();
-        points.extend_from_slice(bytemuck::cast_slice(&block.jobs));
-        self.write(Input::Points, &points)?;
+        let (points, jobs): (&[u8], &[u8]) =
+            (bytemuck::cast_slice(&block.points), bytemuck::cast_slice(&block.jobs));
+        let both = (points.len() + jobs.len()) as u64;
+        check(&self.gpu, Input::Points.label(), both)?;
+        self.inputs[Input::Points as usize].reserve(&self.gpu.device, both);
+        self.write(Input::Points, points)?;
+        // Jobs lie after the points.
+        let buffer = self.inputs[Input::Points as usize].get();
+        self.gpu.queue.write_buffer(buffer, points.len() as u64, jobs);
         self.write(Input::Entries, bytemuck::cast_slice(&block.entries))?;
         self.write(Input::Words, bytemuck::cast_slice(&block.words))?;
         let row = size_of::<[f32; 4]>() as u64;

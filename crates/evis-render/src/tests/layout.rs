@@ -321,6 +321,32 @@ fn host_and_shader_structs_have_one_layout() {
     );
     same_layout!("raster/luminance.wgsl", "Share", crate::frame::pattern::Share { shift, size });
     use evis_decoupled::packed;
+    // Jobs are read row by row: their own numbers, then directions on the sky, then lamps.
+    let (fields, size) = wgsl_struct("decoupled/pixels.wgsl", "Job");
+    let own = [
+        ("length_us", offset_of!(packed::Job, length_us)),
+        ("start_us", offset_of!(packed::Job, start_us)),
+        ("threshold_on", offset_of!(packed::Job, threshold_on)),
+        ("threshold_off", offset_of!(packed::Job, threshold_off)),
+        ("log_eps", offset_of!(packed::Job, log_eps)),
+        ("reference_luminance", offset_of!(packed::Job, reference_luminance)),
+        ("near", offset_of!(packed::Job, near)),
+        ("far", offset_of!(packed::Job, far)),
+        ("background", offset_of!(packed::Job, background)),
+        ("lamps", offset_of!(packed::Job, lamps)),
+        ("flags", offset_of!(packed::Job, flags)),
+        ("looks", offset_of!(packed::Job, looks)),
+        ("unit", offset_of!(packed::Job, unit)),
+        ("sky", offset_of!(packed::Job, sky)),
+        ("sky_levels", offset_of!(packed::Job, sky_levels)),
+        ("sky_texels", offset_of!(packed::Job, sky_texels)),
+    ];
+    assert_eq!(fields, own.map(|(name, offset)| (name.to_owned(), offset as u32)));
+    let rows = |name| constant("decoupled/pixels.wgsl", name) as usize * size_of::<[f32; 4]>();
+    assert_eq!([rows("HEAD_ROWS"), size as usize], [offset_of!(packed::Job, seen); 2]);
+    assert_eq!(rows("HEAD_ROWS") + rows("SEEN_ROWS"), offset_of!(packed::Job, own));
+    assert_eq!(rows("LAMP_ROWS"), size_of::<packed::Lamp>());
+    assert_eq!(3 * size_of::<[f32; 4]>(), offset_of!(packed::Lamp, wave));
     same_layout!(
         "decoupled/pixels.wgsl",
         "Batch",

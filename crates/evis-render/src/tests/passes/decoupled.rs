@@ -43,7 +43,7 @@ struct Tampers {
     /// The scene, of which light is compared.
     light: Option<(Scene, Settings)>,
     off: Mutex<Vec<f64>>,
-    /// Submissions, and those that begin to keep anew.
+    /// Submissions, and those before which the device kept nothing.
     followed: Mutex<[usize; 2]>,
 }
 
@@ -130,7 +130,7 @@ fn followed(
 ) -> (Outcome, Vec<f64>) {
     let light = matches!(tampering, Tampering::None).then(|| (scene.clone(), settings.clone()));
     let tampers = Arc::new(Tampers { light, ..Tampers::new(devices, tampering) });
-    let outcome = simulate(scene, &Settings { devices: opened(&tampers), ..settings.clone() }).unwrap();
+    let outcome = simulated(&tampers, scene, settings);
     let mut off = std::mem::take(&mut *tampers.off.lock().unwrap());
     off.sort_by(f64::total_cmp);
     (outcome, off)
@@ -138,6 +138,31 @@ fn followed(
 
 fn opened(tampers: &Arc<Tampers>) -> Option<Arc<dyn Devices>> {
     Some(Arc::new(Opens(Arc::clone(tampers))))
+}
+
+fn simulated(tampers: &Arc<Tampers>, scene: &Scene, settings: &Settings) -> Outcome {
+    simulate(scene, &Settings { devices: opened(tampers), ..settings.clone() }).unwrap()
+}
+
+/// Asserts that `outcome` is what the processor made of the same, `own`, most of it on a device; how far apart events are, in
+/// microseconds and sorted.
+fn assert_alike(name: &str, own: &Outcome, outcome: &Outcome) -> Vec<i64> {
+    let report = &outcome.report;
+    let (pixels, same, apart) = alike(&own.events, &outcome.events);
+    println!(
+        "{name}: {} events of {pixels} pixels, {same} of them alike, {} us apart (median; 99 %: {}); {} of {} evaluations on the \
+         device, {} pixels left out",
+        own.events.len(),
+        quantile(&apart, 0.5),
+        quantile(&apart, 0.99),
+        report.on_device,
+        report.evaluations,
+        report.refollowed
+    );
+    assert!(own.events.len() > 500 && 100 * same > 98 * pixels, "{name}: {same} of {pixels}");
+    assert!(quantile(&apart, 0.5) <= 20 && quantile(&apart, 0.99) <= 1000, "{name}");
+    assert!(2 * report.on_device > report.evaluations, "{name}: {report:?}");
+    apart
 }
 
 /// Times and polarities of each pixel.
@@ -183,24 +208,9 @@ fn a_device_finds_the_light_and_the_events_that_the_processor_finds() {
         let settings = settings((120, 90));
         let own = simulate(&scene, &settings).unwrap();
         let (outcome, light) = followed(&devices, &scene, &settings, Tampering::None);
-        let report = &outcome.report;
-        let (pixels, same, apart) = alike(&own.events, &outcome.events);
-        println!(
-            "{name}, sky {under_sky}: {} events of {pixels} pixels, {same} of them alike, {} us apart (median; 99 %: {}); light off by {:.1e} \
-             (99 %: {:.1e}); {} of {} evaluations on the device, {} pixels left out",
-            own.events.len(),
-            quantile(&apart, 0.5),
-            quantile(&apart, 0.99),
-            quantile(&light, 0.5),
-            quantile(&light, 0.99),
-            report.on_device,
-            report.evaluations,
-            report.refollowed
-        );
-        assert!(own.events.len() > 500 && 100 * same > 98 * pixels, "{name}: {same} of {pixels}");
-        assert!(quantile(&apart, 0.5) <= 20 && quantile(&apart, 0.99) <= 1000, "{name}");
+        let apart = assert_alike(&format!("{name}, sky {under_sky}"), &own, &outcome);
+        println!("light off by {:.1e} (99 %: {:.1e})", quantile(&light, 0.5), quantile(&light, 0.99));
         assert!(light.len() > 500 && quantile(&light, 0.5) < 1e-3 && quantile(&light, 0.99) < 0.02, "{name}");
-        assert!(2 * report.on_device > report.evaluations, "{name}: {report:?}");
         // Canary: pixels that lie a twentieth of their side beside their place.
         if under_sky || (name != "spinner" && name != "street") {
             continue;
@@ -279,24 +289,8 @@ fn a_device_sees_through_distorted_lenses() {
         let distortion = Distortion::from_coefficients("radtan", &[-0.28, 0.07, 1e-3, -2e-3]).unwrap();
         scene.distortions.insert(camera.name.clone(), distortion);
         let settings = settings((120, 90));
-        let run = |tampering| {
-            let tampers = Arc::new(Tampers::new(&devices, tampering));
-            simulate(&scene, &Settings { devices: opened(&tampers), ..settings.clone() }).unwrap()
-        };
-        let (own, outcome) = (simulate(&scene, &settings).unwrap(), run(Tampering::None));
-        let (pixels, same, apart) = alike(&own.events, &outcome.events);
-        let report = &outcome.report;
-        println!(
-            "{name}: {same} of {pixels} pixels alike, {} us apart (99 %: {}); {} of {} evaluations on the device, {} left out",
-            quantile(&apart, 0.5),
-            quantile(&apart, 0.99),
-            report.on_device,
-            report.evaluations,
-            report.refollowed
-        );
-        assert!(own.events.len() > 500 && 100 * same > 98 * pixels, "{name}: {same} of {pixels}");
-        assert!(quantile(&apart, 0.5) <= 20 && quantile(&apart, 0.99) <= 1000, "{name}");
-        assert!(2 * report.on_device > report.evaluations, "{name}: {report:?}");
+        let outcome = simulated(&Arc::new(Tampers::new(&devices, Tampering::None)), &scene, &settings);
+        assert_alike(name, &simulate(&scene, &settings).unwrap(), &outcome);
         // Canary: the lens matters.
         scene.distortions.clear();
         let plain = simulate(&scene, &settings).unwrap();
@@ -313,16 +307,16 @@ fn small_buffers_change_no_byte() {
     let settings = settings((96, 72));
     let run = |devices: &Arc<Followers>, tampering| {
         let tampers = Arc::new(Tampers::new(devices, tampering));
-        let outcome = simulate(&scene, &Settings { devices: opened(&tampers), ..settings.clone() }).unwrap();
+        let outcome = simulated(&tampers, &scene, &settings);
         let followed = *tampers.followed.lock().unwrap();
         (outcome, followed)
     };
-    let (whole, [submissions, anew]) = run(&devices, Tampering::None);
-    assert!(whole.events.len() > 500 && submissions == 3 && anew == 1, "{submissions} {anew}");
+    let (whole, [submissions, empty]) = run(&devices, Tampering::None);
+    assert!(whole.events.len() > 500 && submissions == 3 && empty == 1, "{submissions} {empty}");
     // A row of tiles or two at a time; what is kept goes up more than once.
-    let (apart, [submissions, anew]) = run(&devices, Tampering::Room(400_000));
+    let (apart, [submissions, empty]) = run(&devices, Tampering::Room(400_000));
     assert!(apart.events == whole.events, "{submissions} submissions");
-    assert!(submissions > 9 && anew > 3, "{submissions} {anew}");
+    assert!(submissions > 9 && empty > 3, "{submissions} {empty}");
     // Room for one event.
     Arc::get_mut(&mut devices).unwrap().events_per_pixel = 0;
     let (again, _) = run(&devices, Tampering::None);
