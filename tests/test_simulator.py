@@ -219,7 +219,6 @@ def test_the_stream_renders_ahead(spinner: evis.Scene):
         ({"antialias": "none"}, "'samples' or 'edges'"),
         ({"compute": "tpu"}, "'cpu' or 'gpu'"),
         ({"compute": "gpu", "method": "native"}, "compute is gpu"),
-        ({"compute": "gpu", "method": "decoupled", "sensor": "dvxplorer-like"}, "compute is gpu"),
         ({"sensor": evis.Sensor(threshold_on=0.0)}, "threshold_on is 0"),
         ({"sensor": evis.Sensor(trigger="edge")}, "'crossing' or 'latch'"),  # type: ignore[arg-type]
         ({"reference_luminance": 0.0}, "reference_luminance is 0"),

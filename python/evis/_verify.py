@@ -481,8 +481,7 @@ def verify_failures(
     failures : sequence of str, optional
         Ids of failures, such as ``"keyframe-burst"``, ``"rotation"``; all where not given.
     compute : {"cpu", "gpu"}, optional
-        Where decoupled sampling evaluates pixels of sensors of two thresholds; ``cpu`` where not given. See
-        `Simulator`.
+        Where decoupled sampling evaluates pixels; ``cpu`` where not given. See `Simulator`.
     cache : path or bool
         Folder that keeps truths; True for the user's own cache, False for none.
     device : Device, str or int, optional

@@ -17,6 +17,8 @@ pub const JUMPS: u32 = 1;
 pub const PARALLEL: u32 = 2;
 /// [`Job::flags`]: light is wanted and nothing else.
 pub const LIGHT_ALONE: u32 = 4;
+/// [`Job::flags`]: light is wanted throughout the block, of a sensor with more stages than thresholds or one that takes frames.
+pub const SENSES: u32 = 8;
 /// [`Entry::flags`]: both sides are drawn.
 pub const DOUBLE_SIDED: u32 = 1;
 /// [`Entry::flags`]: its pose mirrors.
@@ -160,11 +162,12 @@ pub struct Pixel {
     pub own_count: u32,
     /// Number in its tile.
     pub number: u32,
-    /// Word from which its row's bases are: entries, words and points, and the number of its view's job.
+    /// Word from which its row's bases are: entries, words and points, the number of its view's job, and light.
     pub bases: u32,
     /// Units between evaluations; 0 of one that only jumps.
     pub stride: u32,
-    /// Units to which intervals are halved.
+    /// Units to which intervals are halved; where light is wanted throughout the block ([`SENSES`]), its first number of
+    /// [`Block::light`]: what it sees at the start and, unless that stays, at the end of each part of an interval.
     pub least: u32,
     /// Luminance at the start; then at the end.
     pub last: f32,
@@ -223,17 +226,24 @@ pub struct Row {
     pub patch_words: Vec<Range<usize>>,
     /// Pixels to follow.
     pub pixels: Vec<Pixel>,
+    /// Numbers of light that are wanted of them.
+    pub light: usize,
 }
 
 impl Row {
     /// Bytes of each of its arrays, without patches.
     pub fn bytes(&self) -> [usize; 4] {
-        bytes_of((&self.entries, &self.words), (&self.points, &self.pixels))
+        bytes_of((&self.entries, &self.words, &self.points), (&self.pixels, self.light))
     }
 }
 
-fn bytes_of((entries, words): (&[Entry], &[u32]), (points, pixels): (&[[f32; 4]], &[Pixel])) -> [usize; 4] {
-    [size_of_val(entries), size_of_val(words), size_of_val(points), size_of_val(pixels)]
+/// Light counts as pixels do: it lies beside what is known of them between evaluations.
+fn bytes_of(
+    (entries, words, points): (&[Entry], &[u32], &[[f32; 4]]),
+    (pixels, light): (&[Pixel], usize),
+) -> [usize; 4] {
+    let of_pixels = size_of_val(pixels) + light * size_of::<f32>();
+    [size_of_val(entries), size_of_val(words), size_of_val(points), of_pixels]
 }
 
 /// A block of some views, or of some rows of their tiles.
@@ -251,6 +261,8 @@ pub struct Block {
     pub kept_from: u32,
     /// All rows' pixels.
     pub pixels: Vec<Pixel>,
+    /// Light of those of which it is wanted, as [`Pixel::least`] says; zeros until the device has found it.
+    pub light: Vec<f32>,
     /// Of each view.
     pub jobs: Vec<Job>,
 }
@@ -261,7 +273,7 @@ impl Block {
         let bases = self.words.len();
         let first = bases + BASE_WORDS;
         let job = self.jobs.len().saturating_sub(1);
-        let own: [usize; BASE_WORDS] = [self.entries.len(), first, self.points.len(), job];
+        let own: [usize; BASE_WORDS] = [self.entries.len(), first, self.points.len(), job, self.light.len()];
         self.words.extend(own.map(|at| at as u32));
         self.entries.extend_from_slice(&row.entries);
         self.words.extend_from_slice(&row.words);
@@ -273,16 +285,17 @@ impl Block {
         self.points.extend_from_slice(&row.points);
         let of = |pixel: &Pixel| Pixel { bases: bases as u32, ..*pixel };
         self.pixels.extend(row.pixels.iter().map(of));
+        self.light.resize(self.light.len() + row.light, 0.0);
     }
 
     /// Bytes of each of its arrays, as [`Row::bytes`] has them.
     pub fn bytes(&self) -> [usize; 4] {
-        bytes_of((&self.entries, &self.words), (&self.points, &self.pixels))
+        bytes_of((&self.entries, &self.words, &self.points), (&self.pixels, self.light.len()))
     }
 }
 
 /// Words in front of a row's own.
-pub const BASE_WORDS: usize = 4;
+pub const BASE_WORDS: usize = 5;
 
 /// Luminance of the sky.
 #[derive(Clone, Debug)]
@@ -319,13 +332,15 @@ mod tests {
             points: vec![[0.0; 4]; points],
             patch_words: std::iter::once(1..3).collect(),
             pixels: vec![Pixel::default(); 2],
+            light: 3,
             ..Row::default()
         };
         let mut block = Block { jobs: vec![Job::default()], ..Block::default() };
         block.add_row(&row(&[7, 1, 0, 9], 3), &[100, 200]);
         block.jobs.push(Job::default());
         block.add_row(&row(&[8, 0, 0], 1), &[300]);
-        assert_eq!(block.words, [0, 4, 0, 0, 7, 200, 100, 9, 0, 12, 3, 1, 8, 300, 300]);
-        assert_eq!(block.pixels.iter().map(|pixel| pixel.bases).collect::<Vec<_>>(), [0, 0, 8, 8]);
+        assert_eq!(block.words, [0, 5, 0, 0, 0, 7, 200, 100, 9, 0, 14, 3, 1, 3, 8, 300, 300]);
+        assert_eq!(block.pixels.iter().map(|pixel| pixel.bases).collect::<Vec<_>>(), [0, 0, 9, 9]);
+        assert_eq!(block.light.len(), 6);
     }
 }

@@ -27,7 +27,7 @@ pub(crate) struct VerifyArgs {
     #[arg(long, value_name = "ID,…", value_delimiter = ',', requires = "failures", conflicts_with_all = ["scene", "light"], help_heading = "Failures", hide_short_help = true)]
     pub(crate) only: Vec<String>,
 
-    /// With --failures: where decoupled sampling evaluates pixels of sensors of two thresholds [default: cpu]
+    /// With --failures: where decoupled sampling evaluates pixels [default: cpu]
     #[arg(long, value_parser = words::<Compute>(), value_name = "WHERE", requires = "failures", conflicts_with_all = ["scene", "light"], help_heading = "Failures", hide_short_help = true)]
     pub(crate) compute: Option<Compute>,
 

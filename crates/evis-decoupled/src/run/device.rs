@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::fmt::Debug;
 use std::sync::{Arc, Weak};
 
-use evis_core::{Event, Polarity, SensorConfig};
+use evis_core::{Event, Polarity};
 use evis_scene::Scene;
 
 use crate::Error;
@@ -27,8 +27,8 @@ pub trait Device: Send {
     /// Bytes that arrays of a block may take, each, and all that is kept.
     fn room(&self) -> usize;
 
-    /// Follows the pixels of `block` and writes into them what became of them. Returns their events: those of one pixel in firing
-    /// order, and those of pixels that failed for nothing.
+    /// Follows the pixels of `block` and writes into it what became of them, and light where that is wanted. Returns their events:
+    /// those of one pixel in firing order; those of pixels that failed count for nothing.
     ///
     /// # Errors
     /// The device is lost.
@@ -61,19 +61,29 @@ pub(crate) struct ViewRow<'r> {
     pub row: &'r packed::Row,
 }
 
+/// What became of the pixels of some rows.
+pub(crate) struct Followed {
+    /// How many rows these are.
+    pub rows: usize,
+    /// Row by row.
+    pub pixels: Vec<packed::Pixel>,
+    /// Row by row, see [`packed::Block::light`].
+    pub light: Vec<f32>,
+    /// In the order of pixels.
+    pub events: Vec<packed::Event>,
+}
+
 impl Loaded {
-    /// One of `devices`, for views of `scene` with these `sensors`; `None` where there are no devices, or nothing for them to do: they
-    /// follow pixels of sensors of two thresholds.
+    /// One of `devices`, for views of `scene`; `None` where there are no devices.
     ///
     /// # Errors
     /// As [`Devices::open`].
-    pub(crate) fn open<'s>(
+    pub(crate) fn open(
         devices: Option<&Arc<dyn Devices>>,
-        mut sensors: impl Iterator<Item = &'s SensorConfig>,
         scene: &Scene,
         shared: &Shared,
     ) -> Result<Option<Self>, Error> {
-        let Some(devices) = devices.filter(|_| sensors.any(SensorConfig::is_ideal)) else { return Ok(None) };
+        let Some(devices) = devices else { return Ok(None) };
         let device = devices.open(&shared.pack(scene))?;
         let (kept, looks) = (HashMap::default(), Vec::new());
         Ok(Some(Self { device, kept, rows: 0, sky: pack_sky(scene), looks }))
@@ -93,23 +103,19 @@ impl Loaded {
         })
     }
 
-    /// Follows as many of `rows` as fit, one at least: what became of their pixels, row by row, their events in the order of
-    /// pixels, and how many rows they are.
+    /// Follows as many of `rows` as fit, one at least.
     ///
     /// # Errors
     /// As [`Device::follow`].
-    pub(crate) fn follow(
-        &mut self,
-        rows: &[ViewRow],
-    ) -> Result<(Vec<packed::Pixel>, Vec<packed::Event>, usize), Error> {
+    pub(crate) fn follow(&mut self, rows: &[ViewRow]) -> Result<Followed, Error> {
         let (mut block, count) = self.gather(rows);
-        if block.pixels.is_empty() {
-            return Ok((block.pixels, Vec::new(), count));
+        let mut events = Vec::new();
+        if !block.pixels.is_empty() {
+            events = self.device.follow(&mut block)?;
+            // Stable: those of one pixel are in firing order.
+            events.sort_by_key(|event| event.pixel);
         }
-        let mut fired = self.device.follow(&mut block)?;
-        // Stable: those of one pixel are in firing order.
-        fired.sort_by_key(|event| event.pixel);
-        Ok((block.pixels, fired, count))
+        Ok(Followed { rows: count, pixels: block.pixels, light: block.light, events })
     }
 
     /// As many of `rows` as fit, one at least, side by side.

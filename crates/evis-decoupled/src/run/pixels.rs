@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::Error;
 use crate::packed::Kept;
-use crate::run::device::{Loaded, ViewRow};
+use crate::run::device::{Followed, Loaded, ViewRow};
 use crate::run::frames::{FrameSensor, Taken};
 use crate::run::row::{Following, Row};
 use crate::run::sensing::Sensing;
@@ -113,14 +113,18 @@ fn follow_on(device: &mut Loaded, entered: &mut [Entered], stop: &AtomicBool) ->
             ViewRow { view, job, looks, row }
         };
         let rows: Vec<ViewRow> = places.iter().map(of).collect();
-        let (pixels, fired, count) = device.follow(&rows)?;
-        let (mut pixels, mut first) = (&pixels[..], 0);
-        for &(view, row, _) in places.split_off(..count).unwrap_or_default() {
+        let Followed { rows, pixels, light, events } = device.follow(&rows)?;
+        let (mut pixels, mut light, mut first) = (&pixels[..], &light[..], 0);
+        for &(view, row, _) in places.split_off(..rows).unwrap_or_default() {
             let Entered { pixels: Pixels { rows, following, .. }, evaluator, .. } = &mut entered[view];
-            let own = pixels.split_off(..rows[row].packed().pixels.len()).unwrap_or_default();
-            rows[row].take(evaluator, following, (first, own), &fired, row);
+            let packed = rows[row].packed();
+            let own = pixels.split_off(..packed.pixels.len()).unwrap_or_default();
+            let light = light.split_off(..packed.light).unwrap_or_default();
+            rows[row].take(evaluator, following, (first, own), (&events, light), row);
             first += own.len();
         }
+        // Before the next rows: light is long.
+        entered.par_iter_mut().with_max_len(1).for_each(|own| own.sense(stop));
     }
     Ok(())
 }
@@ -150,10 +154,18 @@ impl Entered<'_> {
     /// Follows rows of tiles, or packs them for a device.
     fn follow(&mut self, packs: bool, stop: &AtomicBool) {
         let Self { pixels, evaluator, taken } = self;
-        let Pixels { rows, rooms, following, frames, .. } = &mut **pixels;
-        let packs = packs && frames.is_none() && following.sensing.is_none();
+        let Pixels { rows, rooms, following, .. } = &mut **pixels;
         each_row(rows, (rooms, stop), |row, work, index| {
             row.follow(work, evaluator, (following, taken.as_ref()), (index, packs));
+        });
+    }
+
+    /// Gives sensors the light that a device has found.
+    fn sense(&mut self, stop: &AtomicBool) {
+        let Self { pixels, evaluator, taken } = self;
+        let Pixels { rows, rooms, following, .. } = &mut **pixels;
+        each_row(rows, (rooms, stop), |row, work, index| {
+            row.sense(work, evaluator, (following, taken.as_ref()), index);
         });
     }
 
@@ -243,6 +255,7 @@ impl Pixels {
                 step_px: settings.step_px,
                 start_us: settings.start_us,
                 only: only.to_vec(),
+                senses: sensing.is_some() || frames.is_some(),
                 sensing,
             },
             frames,

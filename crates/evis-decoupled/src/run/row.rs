@@ -1,5 +1,6 @@
 //! A row of tiles: its pixels' paths, and what they fire during a block.
 
+use std::ops::Range;
 use std::time::Instant;
 
 use evis_core::Event;
@@ -14,7 +15,7 @@ use crate::scene::tiles::{PIXELS, TILE};
 use crate::scene::world::World;
 use crate::shading::light::packed::RowPacker;
 use crate::signal::events::Thresholds;
-use crate::signal::knots::{TileLuminance, TileSignal};
+use crate::signal::knots::{Knots, TileLuminance, TileSignal};
 use crate::signal::path::{PixelPath, stride};
 use crate::signal::pixel::{Evaluator, PixelActivity, Work};
 use crate::visibility::blocks::Block;
@@ -33,11 +34,22 @@ pub(crate) struct Row {
     pub samples: Vec<f32>,
     pub events: Vec<Event>,
     pub report: Report,
-    /// What a device is given of the block in work, and for each of its pixels the number among `paths`.
+    /// What a device is given of the block in work, and for each of its pixels the number in the row, tile by tile.
     packer: RowPacker,
     slots: Vec<usize>,
     /// Per tile, pixels that the device could not follow.
     failed: Vec<u64>,
+    /// Of sensors that take light throughout the block: tiles of which a device finds it, and what it has found.
+    sampled: Vec<Sampled>,
+    light: Vec<f32>,
+}
+
+/// A tile of which a device finds the light.
+struct Sampled {
+    column: usize,
+    knots: Knots,
+    /// Which of the row's pixels are its own.
+    pixels: Range<usize>,
 }
 
 /// How pixels are followed.
@@ -49,6 +61,8 @@ pub(crate) struct Following {
     pub only: Vec<bool>,
     /// A sensor with more stages than thresholds, in continuous time.
     pub sensing: Option<Sensing>,
+    /// Whether light is wanted throughout a block: by that, or by one that takes frames.
+    pub senses: bool,
 }
 
 impl Following {
@@ -57,13 +71,14 @@ impl Following {
         let Evaluator { world, lists, lighting, block, .. } = evaluator;
         let [near, far] = [lists.depths.near, lists.depths.far].map(|depth| 1.0 / depth);
         let parallel = if lists.depths.far.is_finite() { packed::PARALLEL } else { 0 };
+        let jumps = if block.jump { packed::JUMPS } else { 0 };
         let (own, lamps) = lighting.pack_lamps(centre_of(world), times_of(world, *block));
         let mut job = packed::Job {
             length_us: block.length_us() as f32,
             start_us: (block.start_us - block.start_us.floor()) as f32,
             near: near as f32,
             far: far as f32,
-            flags: parallel | if block.jump { packed::JUMPS } else { 0 },
+            flags: parallel | jumps | if self.senses { packed::SENSES } else { 0 },
             lamps,
             own,
             ..self.thresholds.pack()
@@ -98,6 +113,8 @@ impl Row {
             packer: RowPacker::default(),
             slots: Vec::new(),
             failed: vec![0; columns],
+            sampled: Vec::new(),
+            light: Vec::new(),
         }
     }
 
@@ -112,6 +129,7 @@ impl Row {
         self.columns.clear();
         self.samples.clear();
         self.slots.clear();
+        self.sampled.clear();
         if packs {
             self.packer.begin(centre_of(evaluator.world), times_of(evaluator.world, evaluator.block));
         }
@@ -136,18 +154,20 @@ impl Row {
         &self.packer.row
     }
 
-    /// Takes what a device made of the `pixels` of this row, number `row`, from number `first` of the block on, and of all that
-    /// `fired`, pixel by pixel.
+    /// Takes what a device made of the `pixels` of this row, number `row`, from number `first` of the block on, of all that
+    /// `fired`, pixel by pixel, and of the row's `light`, which it keeps for [`Row::sense`].
     pub fn take(
         &mut self,
         evaluator: &Evaluator,
         following: &Following,
         (first, pixels): (usize, &[packed::Pixel]),
-        fired: &[packed::Event],
+        (fired, light): (&[packed::Event], &[f32]),
         row: usize,
     ) {
         let block = evaluator.block;
         let start_us = block.start_us.floor() as i64 - following.start_us;
+        self.light.clear();
+        self.light.extend_from_slice(light);
         let mut fired = &fired[fired.partition_point(|event| (event.pixel as usize) < first)..];
         for ((index, pixel), &slot) in (first..).zip(pixels).zip(&self.slots) {
             let own = fired.iter().take_while(|event| event.pixel as usize == index).count();
@@ -161,10 +181,78 @@ impl Row {
             self.events.extend(own.iter().map(|event| event_at(*event, start_us, place)));
             self.report.evaluations += u64::from(pixel.evaluations);
             self.report.on_device += u64::from(pixel.evaluations);
-            if let Some(path) = &mut self.paths[slot] {
+            if let Some(Some(path)) = self.paths.get_mut(slot) {
                 path.unpack(block, pixel);
             }
         }
+    }
+
+    /// Gives sensors the light of the tiles of which a device has found it: what it could not find is found here.
+    pub fn sense(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        (following, taken): (&Following, Option<&Taken>),
+        row: usize,
+    ) {
+        if self.light.is_empty() {
+            return;
+        }
+        let mut failed = std::mem::take(&mut self.failed);
+        let incomplete = failed.iter().any(|pixels| *pixels != 0);
+        let missing = |column: usize| failed[column] != 0;
+        let lists =
+            if incomplete { evaluator.lists.row_where(evaluator.world, row, missing) } else { Vec::new() };
+        let (light, sampled) = (std::mem::take(&mut self.light), std::mem::take(&mut self.sampled));
+        for Sampled { column, knots, pixels } in &sampled {
+            let (column, missing) = (*column, failed[*column]);
+            let Some(before) = self.lights[column] else { continue };
+            let mut signal = TileSignal::still(before, *knots);
+            for pixel in
+                self.packer.row.pixels[pixels.clone()].iter().filter(|p| missing >> p.number & 1 == 0)
+            {
+                let count = if pixel.stride > 0 { 1 + knots.times() } else { 1 };
+                let light = &light[pixel.least as usize..][..count];
+                signal.take(pixel.number as usize, light, evaluator.block.jump);
+            }
+            if missing != 0 {
+                self.report.refollowed += u64::from(missing.count_ones());
+                let list = &lists[column];
+                evaluator.enter_tile(work, list, [column, row]);
+                let entries = &list.entries[..];
+                let activities = std::array::from_fn(|pixel| {
+                    (missing >> pixel & 1 == 1).then(|| evaluator.activity(work, entries, pixel))
+                });
+                let accuracy = (*knots, following.thresholds.floor());
+                let jumps = evaluator.block.jump;
+                signal.follow((missing, jumps), (evaluator, work), (entries, &activities), accuracy);
+            }
+            self.sense_tile(evaluator.block, (following, taken), &signal, [column, row]);
+        }
+        failed.fill(0);
+        (self.failed, self.light, self.sampled) = (failed, light, sampled);
+        self.light.clear();
+        self.sampled.clear();
+    }
+
+    /// Gives the sensor the light of a tile.
+    fn sense_tile(
+        &mut self,
+        block: Block,
+        (following, taken): (&Following, Option<&Taken>),
+        signal: &TileSignal,
+        [column, row]: [usize; 2],
+    ) {
+        self.report.evaluations += signal.evaluations;
+        if let Some(sensing) = &following.sensing {
+            let (tile, at) = (&mut self.sensors[column], (block, [column, row]));
+            self.report.losses.add(sensing.follow(tile, at, signal, &mut self.events));
+        }
+        if let Some(taken) = taken {
+            self.columns.push(column);
+            taken.sample(signal, &mut self.samples);
+        }
+        self.lights[column] = Some(*signal.last());
     }
 
     /// Follows what a device could not.
@@ -197,7 +285,7 @@ impl Row {
         ([column, row], only, packs): ([usize; 2], Option<u64>, bool),
     ) {
         let entries = &list.entries[..];
-        let Following { thresholds, step_px, start_us, sensing, .. } = following;
+        let Following { thresholds, step_px, start_us, .. } = following;
         let block = evaluator.block;
         let lens = &evaluator.world.lens;
         evaluator.enter_tile(work, list, [column, row]);
@@ -216,20 +304,22 @@ impl Row {
                 self.report.pixel_blocks += 1;
             }
         }
-        if sensing.is_some() || taken.is_some() {
-            let (before, with) = (self.lights[column].as_ref(), (evaluator, &mut *work));
-            let accuracy = (*step_px, thresholds.floor());
-            let signal = TileSignal::follow(before, with, (entries, &activities), accuracy);
-            self.report.evaluations += signal.evaluations;
-            if let Some(sensing) = sensing {
-                let (tile, at) = (&mut self.sensors[column], (block, [column, row]));
-                self.report.losses.add(sensing.follow(tile, at, &signal, &mut self.events));
+        if following.senses {
+            let begins = self.lights[column].is_none();
+            let before = *self.lights[column].get_or_insert_with(|| {
+                let (first, evaluations) = TileSignal::begin((evaluator, work), (entries, &activities));
+                self.report.evaluations += evaluations;
+                first
+            });
+            let of_tile = (&activities, &before, column);
+            if packs && self.pack_light(work, evaluator, following, entries, of_tile) {
+                return;
             }
-            if let Some(taken) = taken {
-                self.columns.push(column);
-                taken.sample(&signal, &mut self.samples);
-            }
-            self.lights[column] = Some(*signal.last());
+            let knots = Knots::new(block, *step_px, &activities);
+            let mut signal = TileSignal::still(before, knots);
+            let (with, accuracy) = ((evaluator, work), (knots, thresholds.floor()));
+            signal.follow((u64::MAX, block.jump && !begins), with, (entries, &activities), accuracy);
+            self.sense_tile(block, (following, taken), &signal, [column, row]);
             return;
         }
         let mut resting = 0_u64;
@@ -301,6 +391,39 @@ impl Row {
             self.packer.row.pixels.push(packed);
             self.slots.push(slot);
         }
+        true
+    }
+    /// Leaves a tile's light to a device; false where nothing of it changes, and where that cannot show it.
+    fn pack_light(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        following: &Following,
+        entries: &[Entry],
+        (activities, before, column): (&[Option<PixelActivity>; PIXELS], &TileLuminance, usize),
+    ) -> bool {
+        let block = evaluator.block;
+        let moves = |activity: &PixelActivity| !activity.still || block.jump;
+        let pixels = activities.iter().enumerate().filter(|(_, a)| a.as_ref().is_some_and(moves));
+        let pixels = pixels.fold(0, |pixels, (pixel, _)| pixels | 1 << pixel);
+        if pixels == 0 {
+            return false;
+        }
+        let knots = Knots::new(block, following.step_px, activities);
+        let Some(packed) = evaluator.pack(work, entries, pixels, &mut self.packer) else { return false };
+        let row = &mut self.packer.row;
+        let first = row.pixels.len();
+        for mut packed in packed {
+            let pixel = packed.number as usize;
+            let moves = activities[pixel].is_some_and(|activity| !activity.still);
+            packed.stride = if moves { knots.stride } else { 0 };
+            packed.least = row.light as u32;
+            packed.last = before[pixel] as f32;
+            row.light += if moves { 1 + knots.times() } else { 1 };
+            row.pixels.push(packed);
+            self.slots.push(column * PIXELS + pixel);
+        }
+        self.sampled.push(Sampled { column, knots, pixels: first..row.pixels.len() });
         true
     }
 }

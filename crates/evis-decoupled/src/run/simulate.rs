@@ -48,8 +48,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     let measured = || seen.as_deref().map_or(1.0, reference_luminance);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
     let mut pixels = Pixels::new(&world, settings, reference, &[])?;
-    let sensors = std::iter::once(&settings.sensor);
-    let mut device = Loaded::open(settings.devices.as_ref(), sensors, scene, &shared)?;
+    let mut device = Loaded::open(settings.devices.as_ref(), scene, &shared)?;
     if let Some(seen) = &seen {
         pixels.begin(&world, seen, first.start_us);
     }

@@ -320,8 +320,7 @@ fn follow(
     if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
         all_pixels[0].begin(&worlds[0], &picture, t_us);
     }
-    let sensors = views.iter().map(|view| &view.sensor);
-    let mut device = Loaded::open(settings.devices.as_ref(), sensors, scene, &shared)?;
+    let mut device = Loaded::open(settings.devices.as_ref(), scene, &shared)?;
     // Nobody waits for it: then the wanted times end, too.
     let _ = ready.send(Ok(reference));
 

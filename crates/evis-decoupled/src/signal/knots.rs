@@ -8,12 +8,13 @@
 use crate::scene::tiles::PIXELS;
 use crate::signal::path::{INSTANT_US, stride};
 use crate::signal::pixel::{Evaluator, PixelActivity, UNITS, Work};
+use crate::visibility::blocks::Block;
 use crate::visibility::lists::Entry;
 
 /// Parts of an interval between two knots in which light counts as straight.
-const PARTS: u32 = 4;
+pub const PARTS: u32 = 4;
 /// A cubic that is off by this part of the light in the middle of two knots gives way to evaluations.
-const TOLERANCE: f64 = 0.002;
+pub const TOLERANCE: f64 = 0.002;
 
 /// A luminance per pixel of a tile; NaN of those outside the picture.
 pub(crate) type TileLuminance = [f64; PIXELS];
@@ -28,80 +29,145 @@ pub(crate) struct TileSignal {
     pub evaluations: u64,
 }
 
-impl TileSignal {
-    /// Follows a tile that had the light `before` at the end of the last block (`None` for one that begins) through the block of
-    /// `evaluator`. `activities` are of the pixels that are in the picture; what they see moves by at most `step_px` between knots,
-    /// and luminance of `floor` counts as none.
-    pub fn follow(
-        before: Option<&TileLuminance>,
-        (evaluator, work): (&Evaluator, &mut Work),
-        (entries, activities): (&[Entry], &[Option<PixelActivity>; PIXELS]),
-        (step_px, floor): (f64, f64),
-    ) -> Self {
-        let block = evaluator.block;
-        let mut evaluations = 0;
-        let moves = |pixel: usize| activities[pixel].is_some_and(|a| !a.still);
+/// When the pixels of a tile are evaluated during a block, but for where a cubic misses their light.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Knots {
+    /// Units of the block from one to the next.
+    pub stride: u32,
+    /// Intervals between them.
+    count: usize,
+    /// Parts of an interval in which light counts as straight.
+    parts: u32,
+}
+
+impl Knots {
+    /// Those of pixels in which `activities` take place; what they see moves by at most `step_px` between two.
+    pub fn new(block: Block, step_px: f64, activities: &[Option<PixelActivity>; PIXELS]) -> Self {
         let strides = activities.iter().flatten().map(|a| stride(block, step_px, a));
         // Of a cut, nothing but its end is seen.
-        let shortest = strides.filter(|s| *s > 0).min().unwrap_or(UNITS);
-        for pixel in (0..PIXELS).filter(|p| moves(*p)) {
-            evaluator.expect(work, pixel, shortest);
-        }
-        let mut first = before.copied().unwrap_or([f64::NAN; PIXELS]);
-        if before.is_none() || block.jump {
-            for pixel in (0..PIXELS).filter(|p| activities[*p].is_some()) {
-                evaluator.enter_pixel(work, pixel);
-                first[pixel] = match before {
-                    Some(_) => evaluator.luminance(work, entries, 0),
-                    None => evaluator.first_luminance(work, entries),
-                };
-                evaluations += 1;
-            }
-        }
-        let count = (UNITS / shortest) as usize;
-        let parts = [PARTS, 2, 1].into_iter().find(|p| shortest.is_multiple_of(*p)).unwrap_or(1);
-        let parts = if block.length_us() <= INSTANT_US || !(0..PIXELS).any(moves) { 1 } else { parts };
-        // What stands still has its light already.
-        let mut light = vec![first; count * parts as usize];
-        let mut knots = vec![0.0; count + 1];
-        for pixel in (0..PIXELS).filter(|p| moves(*p)) {
+        let stride = strides.filter(|s| *s > 0).min().unwrap_or(UNITS);
+        let moves = activities.iter().flatten().any(|a| !a.still);
+        let is_cut = block.length_us() <= INSTANT_US;
+        let parts = if is_cut || !moves { 1 } else { parts_of(stride) };
+        Self { stride, count: (UNITS / stride) as usize, parts }
+    }
+
+    /// Times of [`TileSignal::parts`].
+    pub fn times(&self) -> usize {
+        self.count * self.parts as usize
+    }
+}
+
+/// Parts of an interval of `stride` units, which begin at whole units.
+fn parts_of(stride: u32) -> u32 {
+    [PARTS, 2].into_iter().find(|parts| stride.is_multiple_of(*parts)).unwrap_or(1)
+}
+
+impl TileSignal {
+    /// Light that stays as it is at the start.
+    pub fn still(first: TileLuminance, knots: Knots) -> Self {
+        Self { first, parts: vec![first; knots.times()], evaluations: 0 }
+    }
+
+    /// What the pixels of a tile that begins see at the start of the block of `evaluator`, as a picture of that time has it, and
+    /// evaluations that it took.
+    pub fn begin(
+        (evaluator, work): (&Evaluator, &mut Work),
+        (entries, activities): (&[Entry], &[Option<PixelActivity>; PIXELS]),
+    ) -> (TileLuminance, u64) {
+        let mut first = [f64::NAN; PIXELS];
+        let seen = || (0..PIXELS).filter(|pixel| activities[*pixel].is_some());
+        seen().for_each(|pixel| evaluator.expect(work, pixel, 1));
+        for pixel in seen() {
             evaluator.enter_pixel(work, pixel);
-            knots[0] = first[pixel];
-            for (k, knot) in knots.iter_mut().enumerate().skip(1) {
-                *knot = evaluator.luminance(work, entries, k as u32 * shortest);
-            }
-            evaluations += count as u64;
-            for k in 0..count {
-                let mut at = |part: u32| {
-                    evaluations += 1;
-                    evaluator.luminance(work, entries, k as u32 * shortest + part * shortest / parts)
-                };
-                let own = &mut light[k * parts as usize..(k + 1) * parts as usize];
-                let curve = Curve::about(&knots, k);
-                let mut exact = [false; PARTS as usize];
-                if parts == PARTS && curve.error > TOLERANCE * (curve.least() + floor) {
-                    let middle = at(2);
-                    own[1][pixel] = middle;
-                    exact[1] = true;
-                    if (middle - curve.at(0.5)).abs() > TOLERANCE * (middle + floor) {
-                        for part in [1, 3] {
-                            own[part as usize - 1][pixel] = at(part);
-                            exact[part as usize - 1] = true;
-                        }
+            first[pixel] = evaluator.first_luminance(work, entries);
+        }
+        seen().for_each(|pixel| evaluator.expect(work, pixel, 0));
+        (first, seen().count() as u64)
+    }
+
+    /// Follows those of its pixels that are bits of `only` through the block of `evaluator`; their light may jump at its start.
+    /// `activities` are of the pixels that are in the picture, and luminance of `floor` counts as none.
+    pub fn follow(
+        &mut self,
+        (only, jumps): (u64, bool),
+        (evaluator, work): (&Evaluator, &mut Work),
+        (entries, activities): (&[Entry], &[Option<PixelActivity>; PIXELS]),
+        (knots, floor): (Knots, f64),
+    ) {
+        let own = || (0..PIXELS).filter(|pixel| only >> pixel & 1 == 1);
+        let moving = || own().filter(|pixel| activities[*pixel].is_some_and(|a| !a.still));
+        moving().for_each(|pixel| evaluator.expect(work, pixel, knots.stride));
+        for pixel in own().filter(|pixel| jumps && activities[*pixel].is_some()) {
+            evaluator.enter_pixel(work, pixel);
+            self.enter(pixel, evaluator.luminance(work, entries, 0));
+            self.evaluations += 1;
+        }
+        for pixel in moving() {
+            evaluator.enter_pixel(work, pixel);
+            self.follow_pixel(pixel, (knots, floor), |unit| evaluator.luminance(work, entries, unit));
+        }
+    }
+
+    /// Follows a pixel whose `light` is known at the start, and now at all units.
+    fn follow_pixel(
+        &mut self,
+        pixel: usize,
+        (Knots { stride, count, parts }, floor): (Knots, f64),
+        mut light: impl FnMut(u32) -> f64,
+    ) {
+        let mut known = vec![self.first[pixel]; count + 1];
+        for (k, knot) in known.iter_mut().enumerate().skip(1) {
+            *knot = light(k as u32 * stride);
+        }
+        self.evaluations += count as u64;
+        for k in 0..count {
+            let mut at = |part: u32| {
+                self.evaluations += 1;
+                light(k as u32 * stride + part * stride / parts)
+            };
+            let own = &mut self.parts[k * parts as usize..(k + 1) * parts as usize];
+            let curve = Curve::about(&known, k);
+            let mut exact = [false; PARTS as usize];
+            if parts == PARTS && curve.error > TOLERANCE * (curve.least() + floor) {
+                let middle = at(2);
+                own[1][pixel] = middle;
+                exact[1] = true;
+                if (middle - curve.at(0.5)).abs() > TOLERANCE * (middle + floor) {
+                    for part in [1, 3] {
+                        own[part as usize - 1][pixel] = at(part);
+                        exact[part as usize - 1] = true;
                     }
                 }
-                for (index, own) in own.iter_mut().enumerate() {
-                    if !exact[index] {
-                        own[pixel] = curve.at((index + 1) as f64 / f64::from(parts));
-                    }
-                }
             }
-            // At its end, light is what was evaluated there, without the rounding of a cubic.
-            if let Some(last) = light.last_mut() {
-                last[pixel] = knots[count];
+            for (index, own) in own.iter_mut().enumerate() {
+                if !exact[index] {
+                    own[pixel] = curve.at((index + 1) as f64 / f64::from(parts));
+                }
             }
         }
-        Self { first, parts: light, evaluations }
+        // At its end, light is what was evaluated there, without the rounding of a cubic.
+        if let Some(last) = self.parts.last_mut() {
+            last[pixel] = known[count];
+        }
+    }
+
+    /// A pixel sees this from the start on.
+    fn enter(&mut self, pixel: usize, light: f64) {
+        self.first[pixel] = light;
+        self.parts.iter_mut().for_each(|part| part[pixel] = light);
+    }
+
+    /// What a device has found of a pixel: its light at the start, which is news where it `jumps` there, and, unless that stays, at
+    /// the end of each part.
+    pub fn take(&mut self, pixel: usize, light: &[f32], jumps: bool) {
+        let Some((first, parts)) = light.split_first() else { return };
+        if jumps {
+            self.enter(pixel, f64::from(*first));
+        }
+        for (own, light) in self.parts.iter_mut().zip(parts) {
+            own[pixel] = f64::from(*light);
+        }
     }
 
     /// Light at the block's end.

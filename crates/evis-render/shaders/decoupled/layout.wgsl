@@ -46,7 +46,8 @@ struct Batch {
     // Where pixels that are neither plain nor behind a distorted lens are listed, and those behind one.
     others: u32,
     bent: u32,
-    pad_0: u32,
+    // Word of `scratch` at which light begins.
+    light: u32,
 };
 
 // Rows of a job: its own, then directions on the sky, then those of its lamps.
@@ -88,9 +89,10 @@ struct Pixel {
     own_count: u32,
     // Number in its tile.
     number: u32,
-    // Four words: where its row's entries, words and points begin, and the number of its job.
+    // Five words: where its row's entries, words and points begin, the number of its job, and where its light begins.
     bases: u32,
-    // Units between evaluations, and the least to which intervals are halved.
+    // Units between evaluations; then the least to which intervals are halved, or where light is wanted throughout the block
+    // the number within its row at which its own begins.
     stride: u32,
     least: u32,
     // Light at the start, and at a time before that.
@@ -139,6 +141,7 @@ struct Events {
 const JUMPS: u32 = 1u;
 const PARALLEL: u32 = 2u;
 const LIGHT_ALONE: u32 = 4u;
+const SENSES: u32 = 8u;
 // Entry.
 const DOUBLE_SIDED: u32 = 1u;
 const MIRRORED: u32 = 2u;
@@ -155,6 +158,8 @@ const COVERS: u32 = 0x80000000u;
 const MOST_OWN: u32 = 8u;
 const UNITS: u32 = 3072u;
 const TAU: f32 = 6.283185307179586;
+// As in `signal/path.rs`: a block as short as this, in microseconds, is a cut.
+const INSTANT_US: f32 = 2.0;
 
 @group(0) @binding(0) var<uniform> batch: Batch;
 @group(0) @binding(1) var<storage, read> entries: array<Entry>;
@@ -166,7 +171,7 @@ const TAU: f32 = 6.283185307179586;
 @group(0) @binding(5) var<storage, read> fixed: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> pixels: array<Pixel>;
 @group(0) @binding(7) var<storage, read_write> events: Events;
-// Pixels to evaluate in even rounds and in odd ones; then where each of them is.
+// Pixels to evaluate in even rounds and in odd ones; then where each of them is; then light that is wanted.
 @group(0) @binding(8) var<storage, read_write> scratch: array<u32>;
 @group(0) @binding(9) var<uniform> turn: Turn;
 
@@ -177,6 +182,8 @@ struct Bases {
     // Row of `points` at which directions on the sky begin, and lamps.
     seen: u32,
     lamps: u32,
+    // Word of `scratch`.
+    light: u32,
 };
 
 // The pixel in work.
@@ -193,7 +200,7 @@ var<private> failed: bool;
 fn enter_row(at: u32) {
     let row = batch.jobs + words[at + 3u] * JOB_ROWS;
     let seen = row + HEAD_ROWS;
-    base = Bases(words[at], words[at + 1u], words[at + 2u], seen, seen + SEEN_ROWS);
+    base = Bases(words[at], words[at + 1u], words[at + 2u], seen, seen + SEEN_ROWS, batch.light + words[at + 4u]);
     let a = points[row];
     let b = points[row + 1u];
     let c = points[row + 2u];
@@ -243,6 +250,11 @@ fn lamp_at(lamp: u32, u: f32) -> vec4<f32> {
 
 fn lamp_strength(lamp: u32, u: f32) -> f32 {
     return wave_at(points[base.lamps + LAMP_ROWS * lamp + 3u], u);
+}
+
+// Luminance that counts as none.
+fn dark_floor() -> f32 {
+    return job.log_eps * job.reference_luminance;
 }
 
 // Whether a loop of `count` iterations, two or more, has them. Software drivers end every loop of 8 pixels early, and report

@@ -1,5 +1,6 @@
 #import decoupled/light.wgsl
-// Follows pixels through a block: `PixelPath::walk` of evis-decoupled. In each round each pixel that is not at the end is
+#import decoupled/knots.wgsl
+// Follows pixels through a block: `PixelPath::walk` of evis-decoupled, and `TileSignal` where light is wanted throughout. In each round each pixel that is not at the end is
 // evaluated once, and goes on as far as that tells; those that go on are listed for the next round.
 
 // Events that a pixel fires in a round.
@@ -13,7 +14,6 @@ const STATE_WORDS: u32 = 28u;
 const TOLERANCE: f32 = 0.004;
 const ERROR_MARGIN: f32 = 4.0;
 const RANGE_MARGIN: f32 = 0.5;
-const INSTANT_US: f32 = 2.0;
 const JUMP_US: f32 = 1e-6;
 // Light that comes as near to a level as this part of it reaches it: what 32 bits leave of light that returns.
 const TIE: f32 = 2e-5;
@@ -41,10 +41,6 @@ fn count_at(round: u32) -> u32 {
 fn slot_at(round: u32, number: u32) -> u32 {
     let first = select(select(batch.others, batch.bent, BENT), 0u, PLAIN);
     return (round % 2u) * batch.pixels + first + number;
-}
-
-fn dark_floor() -> f32 {
-    return job.log_eps * job.reference_luminance;
 }
 
 fn level_at(log_level: f32) -> f32 {
@@ -199,45 +195,25 @@ const AT_CUT: u32 = 3u;
 // An interval of one unit has no middle.
 const AT_END: u32 = 4u;
 
-fn follow_pixel(index: u32, pixel: Pixel) {
-    let state = 2u * batch.pixels + index * STATE_WORDS;
+// Where light is known up to, what it is wanted for next and at which unit, and how many intervals wait.
+var<private> at: u32;
+var<private> wanted: u32;
+var<private> unit: u32;
+var<private> waiting: u32;
+// It is at the end of the block.
+var<private> done: bool;
+
+// Fires what light that is found at `unit` tells, and goes on; ends of intervals wait in pairs of words of `scratch` from `ends` on.
+fn go_along_levels(pixel: Pixel, found: Point, ends: u32) {
     let alone = (job.flags & LIGHT_ALONE) != 0u;
-    let jumps = (job.flags & JUMPS) != 0u && !alone;
     let is_cut = job.length_us <= INSTANT_US;
     let step = 2u * pixel.stride;
-    let first_goal = select(AT_GOAL, AT_CUT, is_cut);
-    let first_unit = select(step, UNITS, is_cut);
-    var at = 0u;
-    var wanted = first_goal;
-    var unit = first_unit;
-    var count = 0u;
-    if (turn.first == 0u) {
-        at = scratch[state];
-        wanted = scratch[state + 1u];
-        unit = scratch[state + 2u];
-        count = scratch[state + 3u];
-    } else if (jumps || alone || (pixel.flags & (RESTED | BEGINS)) != 0u) {
-        wanted = AT_START;
-        unit = select(0u, job.unit, alone);
-    }
-    last = Point(time_of_unit(at), pixel.last);
-    before = Point(pixel.before_us, pixel.before);
-    has_before = (pixel.flags & HAS_BEFORE) != 0u;
-    reference_log = pixel.log;
-    above = pixel.above;
-    below = pixel.below;
-    fired_count = 0u;
-    piece_count = 0u;
-
-    let found = Point(time_of_unit(unit), light_at(pixel.own, pixel.own_count, f32(unit) / f32(UNITS)));
-    // Ends of intervals wait in pairs of words.
-    let top = state + 4u + 2u * (max(count, 1u) - 1u);
+    let top = ends + 2u * (max(waiting, 1u) - 1u);
     var goal = found;
-    var done = false;
     if (wanted == AT_START) {
         if ((pixel.flags & BEGINS) != 0u) {
             refer_to(log(found.luminance / job.reference_luminance + job.log_eps));
-        } else if (jumps) {
+        } else if ((job.flags & JUMPS) != 0u && !alone) {
             straight_to(Point(JUMP_US, found.luminance));
         }
         has_before = false;
@@ -252,12 +228,12 @@ fn follow_pixel(index: u32, pixel: Pixel) {
         before = last;
         has_before = true;
         at = unit;
-        count -= 1u;
+        waiting -= 1u;
     } else if (wanted == AT_GOAL) {
         scratch[top] = unit;
         scratch[top + 1u] = bitcast<u32>(found.luminance);
         goal = last;
-        count = 1u;
+        waiting = 1u;
     } else {
         let goal_unit = scratch[top];
         goal = Point(time_of_unit(goal_unit), bitcast<f32>(scratch[top + 1u]));
@@ -265,14 +241,14 @@ fn follow_pixel(index: u32, pixel: Pixel) {
             before = found;
             has_before = true;
             at = goal_unit;
-            count -= 1u;
-        } else if (count == MOST_WAITING) {
+            waiting -= 1u;
+        } else if (waiting == MOST_WAITING) {
             failed = true;
         } else {
             scratch[top + 2u] = unit;
             scratch[top + 3u] = bitcast<u32>(found.luminance);
             goal = last;
-            count += 1u;
+            waiting += 1u;
         }
     }
     for (var k = 0u; k < piece_count; k++) {
@@ -281,22 +257,82 @@ fn follow_pixel(index: u32, pixel: Pixel) {
     last = goal;
 
     if (wanted == AT_START) {
-        wanted = first_goal;
-        unit = first_unit;
-    } else if (count == 0u) {
+        wanted = select(AT_GOAL, AT_CUT, is_cut);
+        unit = select(step, UNITS, is_cut);
+    } else if (waiting == 0u) {
         done = done || at == UNITS;
         wanted = AT_GOAL;
         unit = at + step;
     } else {
-        let goal_unit = scratch[state + 2u + 2u * count];
+        let goal_unit = scratch[ends + 2u * (waiting - 1u)];
         let half = (goal_unit - at) / 2u;
         wanted = select(AT_MIDDLE, AT_END, half == 0u);
         unit = select(at + half, goal_unit, half == 0u);
     }
+}
+
+// Keeps light that is found at `unit`, and goes on.
+fn go_along_knots(pixel: Pixel, found: Point) {
+    last = found;
+    if (wanted == AT_START) {
+        put_light(0u, found.luminance);
+        done = pixel.stride == 0u;
+        at = 1u;
+        wanted = AT_KNOT;
+    } else {
+        let next = take_knot(at, wanted, found.luminance);
+        at = next.at;
+        wanted = next.wanted;
+        done = next.done;
+    }
+    unit = unit_of_knot(pixel, at, wanted);
+}
+
+fn follow_pixel(index: u32, pixel: Pixel) {
+    let state = 2u * batch.pixels + index * STATE_WORDS;
+    let alone = (job.flags & LIGHT_ALONE) != 0u;
+    let senses = (job.flags & SENSES) != 0u && !alone;
+    let jumps = (job.flags & JUMPS) != 0u && !alone;
+    let is_cut = job.length_us <= INSTANT_US;
+    if (senses) {
+        enter_knots(pixel);
+    }
+    if (turn.first == 0u) {
+        at = scratch[state];
+        wanted = scratch[state + 1u];
+        unit = scratch[state + 2u];
+        waiting = scratch[state + 3u];
+    } else if (jumps || alone || (!senses && (pixel.flags & (RESTED | BEGINS)) != 0u)) {
+        wanted = AT_START;
+        unit = select(0u, job.unit, alone);
+    } else if (senses) {
+        put_light(0u, pixel.last);
+        at = 1u;
+        wanted = AT_KNOT;
+        unit = pixel.stride;
+    } else {
+        wanted = select(AT_GOAL, AT_CUT, is_cut);
+        unit = select(2u * pixel.stride, UNITS, is_cut);
+    }
+    last = Point(time_of_unit(select(at, 0u, senses)), pixel.last);
+    before = Point(pixel.before_us, pixel.before);
+    has_before = (pixel.flags & HAS_BEFORE) != 0u;
+    reference_log = pixel.log;
+    above = pixel.above;
+    below = pixel.below;
+    fired_count = 0u;
+    piece_count = 0u;
+
+    let found = Point(time_of_unit(unit), light_at(pixel.own, pixel.own_count, f32(unit) / f32(UNITS)));
+    if (senses) {
+        go_along_knots(pixel, found);
+    } else {
+        go_along_levels(pixel, found, state + 4u);
+    }
     scratch[state] = at;
     scratch[state + 1u] = wanted;
     scratch[state + 2u] = unit;
-    scratch[state + 3u] = count;
+    scratch[state + 3u] = waiting;
 
     if (fired_count > 0u && !failed) {
         // Where its events begin depends on who comes first; those of one pixel are in order.

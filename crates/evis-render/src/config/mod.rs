@@ -108,8 +108,8 @@ pub enum Compute {
     /// On the processor's cores, in 64 bits.
     #[default]
     Cpu,
-    /// By compute passes on the device, in 32 bits: pixels of sensors that are thresholds only. Tiles with materials that have more maps than
-    /// one of base colour stay on the processor, and orthographic cameras with a distorted lens.
+    /// By compute passes on the device, in 32 bits. Tiles with materials that have more maps than one of base colour stay on the
+    /// processor, orthographic cameras with a distorted lens, and stages of sensors beyond two thresholds.
     Gpu,
 }
 
@@ -498,12 +498,6 @@ impl RunConfig {
             }
         }
         self.rendered_tiles.map_or(Ok(()), |tiles| tiles.check(&self.method))?;
-        let ideal = self.sensor.is_ideal() && self.sensors.values().all(SensorConfig::is_ideal);
-        if self.compute == Compute::Gpu && self.method == Method::Decoupled && !ideal {
-            let remedy =
-                "cpu: the passes on the device know sensors of two thresholds, and this one has more stages";
-            return Err(ConfigError::new("compute", "gpu", remedy));
-        }
         if self.between == Interpolation::Curve && self.adaptive_px.is_none() {
             return Err(ConfigError::new("between", "curve", "line, without adaptive time (`adaptive_px`)"));
         }

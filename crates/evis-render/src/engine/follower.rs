@@ -1,6 +1,7 @@
 //! Pixels of decoupled sampling, followed on a device: blocks go up, events come down.
 
 use std::fmt;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 
 use evis_decoupled::packed::{self, Block, Event, Pixel, Textures};
@@ -154,7 +155,7 @@ impl Follower {
             sums: textures.sums,
             pixels: new("pixels", Usage::STORAGE | Usage::COPY_SRC),
             events: new("events", Usage::STORAGE | Usage::COPY_SRC),
-            scratch: new("scratch", Usage::STORAGE),
+            scratch: new("scratch", Usage::STORAGE | Usage::COPY_SRC),
             turns,
             gpu: gpu.clone(),
             passes: Arc::clone(&of.passes),
@@ -168,18 +169,19 @@ impl Follower {
         Ok(())
     }
 
-    /// The first `bytes` of buffers, one after the other.
-    fn read(&self, parts: &[(&GrowingBuffer, u64)]) -> Result<Vec<u8>, Error> {
+    /// Ranges of bytes of buffers, one after the other.
+    fn read(&self, parts: &[(&GrowingBuffer, Range<u64>)]) -> Result<Vec<u8>, Error> {
         let staging = self.gpu.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("followed pixels"),
-            size: parts.iter().map(|(_, bytes)| bytes).sum(),
+            size: parts.iter().map(|(_, range)| range.end - range.start).sum(),
             usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
             mapped_at_creation: false,
         });
         let mut commands = Commands::new(&self.gpu, "read followed pixels");
         let mut at = 0;
-        for (buffer, bytes) in parts {
-            commands.copy_buffer_to_buffer(buffer.get(), 0, &staging, at, *bytes);
+        for (buffer, range) in parts {
+            let bytes = range.end - range.start;
+            commands.copy_buffer_to_buffer(buffer.get(), range.start, &staging, at, bytes);
             at += bytes;
         }
         let submission = commands.submit(&self.gpu);
@@ -217,7 +219,8 @@ impl Follower {
     /// Follows `block`, which was sent, with room for `capacity` events; how many there are.
     fn run(&mut self, block: &Block, capacity: u32) -> Result<u32, Error> {
         let count = block.pixels.len() as u32;
-        let sizes = [u64::from(SCRATCH_WORDS * count) * 4, event_bytes(capacity)];
+        let light = SCRATCH_WORDS * count;
+        let sizes = [light_bytes(block).end, event_bytes(capacity)];
         check(&self.gpu, "intermediate values", sizes[0])?;
         check(&self.gpu, "events", sizes[1])?;
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
@@ -234,7 +237,7 @@ impl Follower {
         let mut going_on = numbers.each_ref().map(|own| own.len() as u32);
         let (others, bent) = (going_on[0], going_on[0] + going_on[1]);
         let batch =
-            Batch { pixels: count, capacity, row: columns, jobs, sums: self.sums, others, bent, pad_0: 0 };
+            Batch { pixels: count, capacity, row: columns, jobs, sums: self.sums, others, bent, light };
         self.batch.write(device, queue, bytemuck::bytes_of(&batch));
         self.scratch.write(device, queue, bytemuck::cast_slice(&numbers.concat()));
         let mut passes = Vec::new();
@@ -265,7 +268,7 @@ impl Follower {
                 }
             }
             commands.submit(&self.gpu);
-            let head = self.read(&[(&self.events, u64::from(HEAD_WORDS) * 4)])?;
+            let head = self.read(&[(&self.events, 0..u64::from(HEAD_WORDS) * 4)])?;
             let word = |at: usize| bytemuck::pod_read_unaligned::<u32>(&head[4 * at..][..4]);
             (used, first) = (word(0), ROUNDS);
             going_on = std::array::from_fn(|class| word(count_at(class, rounds)));
@@ -292,6 +295,12 @@ impl Follower {
 /// Where it is counted how many pixels of a class go on in a round.
 fn count_at(class: usize, round: u32) -> usize {
     1 + class * (ROUNDS as usize + 1) + round as usize
+}
+
+/// Where light that is wanted of `block` lies among intermediate values: behind what is known of pixels between rounds.
+fn light_bytes(block: &Block) -> Range<u64> {
+    let from = u64::from(SCRATCH_WORDS) * 4 * block.pixels.len() as u64;
+    from..from + size_of_val(&block.light[..]) as u64
 }
 
 /// Bytes of `count` events, and of what lies before them.
@@ -340,10 +349,17 @@ impl Device for Follower {
             used = self.run(block, capacity)?;
         }
         let used = used.min(capacity);
-        let pixels = size_of_val(&block.pixels[..]) as u64;
-        let bytes = self.read(&[(&self.pixels, pixels), (&self.events, event_bytes(used))])?;
-        let (pixels, events) = bytes.split_at(pixels as usize);
+        let pixels = size_of_val(&block.pixels[..]);
+        let parts = [
+            (&self.pixels, 0..pixels as u64),
+            (&self.scratch, light_bytes(block)),
+            (&self.events, 0..event_bytes(used)),
+        ];
+        let bytes = self.read(&parts)?;
+        let (pixels, bytes) = bytes.split_at(pixels);
+        let (light, events) = bytes.split_at(size_of_val(&block.light[..]));
         block.pixels = bytemuck::pod_collect_to_vec::<u8, Pixel>(pixels);
+        block.light = bytemuck::pod_collect_to_vec::<u8, f32>(light);
         Ok(bytemuck::pod_collect_to_vec(&events[event_bytes(0) as usize..]))
     }
 }

@@ -86,6 +86,7 @@ shaders![
     "decoupled/shadows.wgsl",
     "decoupled/sky.wgsl",
     "decoupled/light.wgsl",
+    "decoupled/knots.wgsl",
     "decoupled/pixels.wgsl",
 ];
 

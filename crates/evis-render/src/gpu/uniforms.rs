@@ -334,8 +334,8 @@ pub struct Batch {
     pub others: u32,
     /// Where pixels behind a distorted lens are listed.
     pub bent: u32,
-    /// Zero.
-    pub pad_0: u32,
+    /// Word at which light that is wanted throughout a block begins.
+    pub light: u32,
 }
 
 /// `Turn` in `decoupled/layout.wgsl`.

@@ -350,7 +350,7 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "decoupled/pixels.wgsl",
         "Batch",
-        uniforms::Batch { pixels, capacity, row, jobs, sums, others, bent, pad_0 }
+        uniforms::Batch { pixels, capacity, row, jobs, sums, others, bent, light }
     );
     same_layout!(
         "decoupled/pixels.wgsl",
@@ -585,12 +585,15 @@ fn constants_agree() {
     use evis_decoupled::image::texture;
     use evis_decoupled::packed;
     use evis_decoupled::shading::light;
-    use evis_decoupled::signal::{path, pixel};
+    use evis_decoupled::signal::{knots, path, pixel};
     let decoupled_constants = [
         ("MOST_OWN", packed::MOST_OWN as f64),
         ("JUMPS", packed::JUMPS.into()),
         ("PARALLEL", packed::PARALLEL.into()),
         ("LIGHT_ALONE", packed::LIGHT_ALONE.into()),
+        ("SENSES", packed::SENSES.into()),
+        ("PARTS", knots::PARTS.into()),
+        ("KNOT_TOLERANCE", f64::from(knots::TOLERANCE as f32)),
         ("DOUBLE_SIDED", packed::DOUBLE_SIDED.into()),
         ("MIRRORED", packed::MIRRORED.into()),
         ("CROSSES_NEAR", packed::CROSSES_NEAR.into()),

@@ -138,7 +138,7 @@ pub(super) struct Run {
 }
 
 impl Run {
-    /// Runs `method` on what is `known`; pixels of decoupled sampling where `compute` says, if their sensor has no further stage.
+    /// Runs `method` on what is `known`; pixels of decoupled sampling where `compute` says.
     pub(super) fn new(
         gpu: &Gpu,
         known: &Known,
@@ -160,7 +160,7 @@ impl Run {
             )));
         };
         evis_render::quality::settle(gpu, &known.scene, &mut config)?;
-        if config.method == Method::Decoupled && shot.sensor.is_ideal() {
+        if config.method == Method::Decoupled {
             config.compute = compute;
         }
         let simulator = Simulator::new(gpu, Arc::clone(&known.scene), config)?;

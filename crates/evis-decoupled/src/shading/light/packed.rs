@@ -33,13 +33,14 @@ impl RowPacker {
     /// Begins a row: the picture's centre, and seconds of the scene at the start of the block and during it.
     pub fn begin(&mut self, centre: [f64; 2], times_s: [f64; 2]) {
         (self.centre, self.times_s) = (centre, times_s);
-        let packed::Row { entries, words, points, patches, patch_words, pixels } = &mut self.row;
+        let packed::Row { entries, words, points, patches, patch_words, pixels, light } = &mut self.row;
         entries.clear();
         words.clear();
         points.clear();
         patches.clear();
         patch_words.clear();
         pixels.clear();
+        *light = 0;
         self.records.clear();
         self.casters.clear();
         self.patches.clear();

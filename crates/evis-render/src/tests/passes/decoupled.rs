@@ -300,6 +300,34 @@ fn a_device_sees_through_distorted_lenses() {
 }
 
 #[test]
+fn a_device_finds_the_light_of_sensors_with_more_stages() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
+    let scene = evis_scene::builtin::load("warehouse", 0).unwrap();
+    for name in ["dvxplorer-like", "gen4-like", "davis346", "v2e", "evis"] {
+        let sensor = SensorConfig::preset(name).unwrap();
+        let settings = Settings { sensor, ..settings((64, 48)) };
+        let own = simulate(&scene, &settings).unwrap();
+        let run = |tampering| simulated(&Arc::new(Tampers::new(&devices, tampering)), &scene, &settings);
+        let outcome = run(Tampering::None);
+        assert_alike(name, &own, &outcome);
+        // In continuous time, and with frames.
+        if name == "dvxplorer-like" || name == "v2e" {
+            // Canary: pixels that lie a fifth of their side beside their place.
+            let (pixels, same, _) = alike(&own.events, &run(Tampering::Shift(0.2)).events);
+            assert!(100 * same < 90 * pixels, "{name}: {same} of {pixels} beside their place");
+            let none = run(Tampering::Fail(1));
+            assert!(
+                none.events == own.events,
+                "{name}: nothing on the device is the processor's, to the byte"
+            );
+            assert_eq!((none.report.on_device, none.report.evaluations), (0, own.report.evaluations));
+            assert!(run(Tampering::Room(200_000)).events == outcome.events, "{name}: a row or two at a time");
+        }
+    }
+}
+
+#[test]
 fn small_buffers_change_no_byte() {
     let Some(gpu) = crate::tests::device() else { return };
     let mut devices = Arc::new(Followers::new(&gpu).unwrap());
