@@ -29,6 +29,10 @@ pub const CROSSES_NEAR: u32 = 4;
 pub const CROSSES_FAR: u32 = 8;
 /// [`Entry::flags`]: it sends its base colour.
 pub const UNLIT: u32 = 16;
+/// [`Entry::flags`]: it has maps; then [`Entry::patches`] is the first of [`MAPPED_ROWS`] rows of [`Row::points`].
+pub const HAS_MAPS: u32 = 32;
+/// [`Entry::flags`]: what a surface with maps sends itself changes.
+pub const GLOWS_APART: u32 = 64;
 /// [`Pixel::flags`]: there is light before the last.
 pub const HAS_BEFORE: u32 = 1;
 /// [`Pixel::flags`]: it was not followed through the block before.
@@ -39,6 +43,8 @@ pub const BEGINS: u32 = 4;
 pub const PLAIN: u32 = 8;
 /// [`Pixel::flags`]: it is seen through a distorted lens.
 pub const BENT: u32 = 16;
+/// [`Pixel::flags`]: it may see a facet with maps.
+pub const MAPPED: u32 = 32;
 /// Of a pixel's entry: it fills the pixel throughout.
 pub const COVERS: u32 = 1 << 31;
 
@@ -150,6 +156,22 @@ pub const CASTER_WORDS: usize = 3;
 /// texture's origin; change of texture coordinates.
 pub const LOOK_ROWS: usize = 4;
 
+/// Rows of a facet with maps: by power of the block's time its world positions at (s, t) = (0, 0), (1, 0) and (0, 1), normals and
+/// tangents, with the sign of the bitangent last in those of the first power; then [`MAPS`] times a map's texture plus 1 and
+/// its origin in texels, and their change with s and t; metallic, roughness, scale of normals and strength of occlusion;
+/// emitted luminance per channel, and 0 of what has no highlights; the first row of its lights, and how many lamps.
+pub const MAPPED_ROWS: usize = GEOMETRY_ROWS * 3 + 2 * MAPS + 3;
+/// See there.
+pub const GEOMETRY_ROWS: usize = 9;
+/// Maps of a facet: base colour, normals, metallic and roughness, occlusion, emission.
+pub const MAPS: usize = 5;
+/// Rows of lights before the first lamp: by power of the block's time where the eye is, and last in the first of them 1 where that
+/// is the direction of parallel rays.
+pub const EYE_ROWS: usize = 3;
+/// Rows of a lamp: place (last: 1 if it has one), direction (last: its range, or 0) and strength (last: its number among those
+/// whose light is kept apart, plus 1, or 0), each by power of time; scale and shift of its cone, and 1 if it has one.
+pub const LIGHT_ROWS: usize = 10;
+
 /// A pixel, and what the device makes of it.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
@@ -181,7 +203,7 @@ pub struct Pixel {
     pub above: f32,
     /// Luminance of the next OFF event.
     pub below: f32,
-    /// [`HAS_BEFORE`], [`RESTED`], [`BEGINS`], [`PLAIN`], [`BENT`].
+    /// [`HAS_BEFORE`], [`RESTED`], [`BEGINS`], [`PLAIN`], [`BENT`], [`MAPPED`].
     pub flags: u32,
     /// Evaluations.
     pub evaluations: u32,
@@ -310,10 +332,16 @@ pub struct Sky {
 /// Textures.
 #[derive(Clone, Debug, Default)]
 pub struct Textures {
-    /// Two rows for each texture, then two per level; from `sums` on sums of texels along rows.
+    /// Two rows for each texture, then two per level; from `sums` on sums of texels along rows; then what maps need.
     pub rows: Vec<[f32; 4]>,
     /// Where sums begin.
     pub sums: u32,
+    /// Where texels of maps begin, 16 bits per channel, two in a row; a level's first row has the number of its first one, a texture's
+    /// second row the value of the greatest number.
+    pub texels: u32,
+    /// Where light from all around begins, whose rows count from there: irradiance's first row and edge, levels of the reflection
+    /// and the split sum's first row; sine and cosine of the turn about +Y; ambient light; each level's first row and edge.
+    pub around: u32,
 }
 
 /// Words as a row of numbers.

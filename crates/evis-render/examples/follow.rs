@@ -29,6 +29,10 @@ struct Timed(Followers, Arc<Mutex<Taken>>);
 struct TimedDevice(Box<dyn Device>, Arc<Mutex<Taken>>);
 
 impl Devices for Timed {
+    fn texture_room(&self) -> usize {
+        self.0.texture_room()
+    }
+
     fn open(&self, textures: &packed::Textures) -> Result<Box<dyn Device>, Error> {
         Ok(Box::new(TimedDevice(self.0.open(textures)?, Arc::clone(&self.1))))
     }
@@ -52,6 +56,7 @@ impl Device for TimedDevice {
             size_of_val(&block.points[..]),
             size_of_val(&block.kept[..]),
             2 * size_of_val(&block.pixels[..]),
+            size_of_val(&block.light[..]),
             size_of_val(&events[..]),
         ];
         taken.bytes += sizes.into_iter().sum::<usize>() as u64;

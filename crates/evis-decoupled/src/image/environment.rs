@@ -3,6 +3,8 @@
 use evis_scene::environment::{CubeMap, Environment, FACES, cube_coordinates, cube_direction};
 use glam::{DVec3, Vec4};
 
+use crate::packed::as_floats;
+
 /// What [`Environment::diffuse`] and [`Environment::reflection`] say.
 pub struct Surroundings {
     irradiance: Cube,
@@ -49,6 +51,29 @@ impl Surroundings {
 
 fn wide(v: Vec4) -> DVec3 {
     v.truncate().as_dvec3()
+}
+
+impl Surroundings {
+    /// Appends what a device needs of it to `rows`, whose own begin at `first`, with three in front of these of which it fills in the
+    /// first two; see [`crate::packed::Textures`].
+    pub fn pack(&self, rows: &mut Vec<[f32; 4]>, first: usize) {
+        let [sin, cos] = self.turn;
+        rows[first + 1] = [sin as f32, cos as f32, 0.0, 0.0];
+        let heads = rows.len();
+        rows.resize(heads + self.specular.levels.len(), [0.0; 4]);
+        let mut append = |level: &Level| {
+            let at = (rows.len() - first) as u32;
+            rows.extend(level.texels.iter().map(|texel| texel.to_array()));
+            [at, level.size as u32]
+        };
+        let irradiance = self.irradiance.levels.first().map_or([0, 1], &mut append);
+        let levels: Vec<[u32; 2]> = self.specular.levels.iter().map(&mut append).collect();
+        let count = levels.len() as u32;
+        rows[first] = as_floats([irradiance[0], irradiance[1], count, 0]);
+        for (row, [at, size]) in rows[heads..].iter_mut().zip(levels) {
+            *row = as_floats([at, size, 0, 0]);
+        }
+    }
 }
 
 struct Cube {

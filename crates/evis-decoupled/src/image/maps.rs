@@ -4,6 +4,7 @@ use evis_scene::{Material, Primitive, TextureRef};
 use glam::{DMat2, DVec2, DVec3};
 
 use crate::image::texture::{Places, Textures};
+use crate::packed;
 
 /// The maps of a material beside that of its base colour, which counts as one of them where there are others.
 #[derive(Clone, Debug)]
@@ -35,6 +36,14 @@ impl Maps {
             occlusion_strength: f64::from(material.occlusion_strength),
             emission: material.emissive_texture,
         })
+    }
+
+    /// Their textures.
+    pub fn textures(&self) -> impl Iterator<Item = usize> {
+        [self.base, self.normal, self.metallic_roughness, self.occlusion, self.emission]
+            .into_iter()
+            .flatten()
+            .map(|map| map.texture)
     }
 
     /// As the facet with these corners has them.
@@ -105,6 +114,20 @@ pub struct FacetMaps {
     occlusion: Option<Map>,
     occlusion_strength: f64,
     emission: Option<Map>,
+}
+
+impl FacetMaps {
+    /// Rows of a device, see [`packed::MAPPED_ROWS`]: of each map, then the scale of normals and the strength of occlusion.
+    pub fn pack(&self) -> ([[[f32; 4]; 2]; packed::MAPS], [f32; 2]) {
+        let of = |map: Option<Map>| {
+            let Some(Map { texture, origin, along }) = map else { return [[0.0; 4]; 2] };
+            let [s, t] = [along.x_axis, along.y_axis].map(DVec2::as_vec2);
+            let [x, y] = origin.as_vec2().to_array();
+            [[f32::from_bits(texture as u32 + 1), x, y, 0.0], [s.x, s.y, t.x, t.y]]
+        };
+        let maps = [self.base, self.normal, self.metallic_roughness, self.occlusion, self.emission];
+        (maps.map(of), [self.normal_scale, self.occlusion_strength].map(|v| v as f32))
+    }
 }
 
 /// What maps say at a place.

@@ -327,6 +327,21 @@ impl Textures {
     }
 }
 
+/// What a device does with a texture.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Use {
+    /// It finds means of it.
+    pub means: bool,
+    /// It reads it at places.
+    pub places: bool,
+}
+
+/// Red, green and blue in 16 bits each, as parts of `most`, in two words.
+fn packed_texel(texel: [f32; 4], most: f32) -> [u32; 2] {
+    let part = |k: usize| ((texel[k] / most).clamp(0.0, 1.0) * f32::from(u16::MAX)).round() as u32;
+    [part(0) | part(1) << 16, part(2)]
+}
+
 /// A level of a texture, read at places.
 #[derive(Clone, Copy)]
 pub struct Places<'a> {
@@ -439,14 +454,18 @@ impl Textures {
     }
 
     /// The textures that are `used`, as a device has them; of others it knows no texels.
-    pub fn pack(&self, used: &[bool]) -> packed::Textures {
+    pub fn pack(&self, used: &[Use]) -> packed::Textures {
         let mut rows = vec![[0.0; 4]; 2 * self.textures.len()];
         let mut all_sums: Vec<&[Vec4]> = Vec::new();
-        let mut count = 0;
-        for (number, texture) in self.textures.iter().enumerate().filter(|(number, _)| used[*number]) {
+        let (mut count, mut texels) = (0, Vec::new());
+        for (number, texture) in self.textures.iter().enumerate() {
+            let Use { means, places } = used[number];
             let Some(chain) = self.chains.get(texture.image).filter(|chain| !chain.is_empty()) else {
                 continue;
             };
+            if !means && !places {
+                continue;
+            }
             let wrap = |wrap: Wrap| match wrap {
                 Wrap::Repeat => 0,
                 Wrap::Clamp => 1,
@@ -455,11 +474,21 @@ impl Textures {
             let flags = wrap(texture.wrap_u) | wrap(texture.wrap_v) << 2 | u32::from(texture.nearest) << 4;
             let levels = rows.len() as u32;
             rows[2 * number] = packed::as_floats([levels, chain.len() as u32, flags, 0]);
-            rows[2 * number + 1] = self.overall(number);
+            let most = (self.range(number)[1].max_element() as f32).max(f32::MIN_POSITIVE);
+            let [r, g, b, _] = self.overall(number);
+            rows[2 * number + 1] = [r, g, b, most];
             for (index, level) in chain.iter().enumerate() {
+                let first = texels.len() as u32;
+                rows.push(packed::as_floats([level.width as u32, level.height as u32, first, 0]));
+                if places {
+                    texels.extend(level.texels.iter().map(|texel| packed_texel(*texel, most)));
+                }
+                if !means {
+                    rows.push([0.0; 4]);
+                    continue;
+                }
                 // Along rows only: columns would be as much again.
                 let sums = self.sums(number, index, false);
-                rows.push(packed::as_floats([level.width as u32, level.height as u32, 0, 0]));
                 let words = [count, sums.period as u32, sums.border as u32, sums.lines as u32];
                 rows.push(packed::as_floats(words));
                 count += sums.sums.len() as u32;
@@ -468,7 +497,22 @@ impl Textures {
         }
         let sums = rows.len() as u32;
         rows.extend(all_sums.into_iter().flatten().map(|sum| sum.to_array()));
-        packed::Textures { rows, sums }
+        let first = rows.len() as u32;
+        rows.extend(texels.chunks(2).map(|pair| {
+            let [a, b] = [pair[0], pair.get(1).copied().unwrap_or_default()];
+            packed::as_floats([a[0], a[1], b[0], b[1]])
+        }));
+        packed::Textures { rows, sums, texels: first, around: 0 }
+    }
+
+    /// Bytes that these take, about.
+    pub fn packed_bytes(&self, used: &[Use]) -> usize {
+        let of = |(texture, used): (&Texture, &Use)| {
+            let chain = self.chains.get(texture.image).map_or(&[][..], Vec::as_slice);
+            let texels: usize = chain.iter().map(|level| level.texels.len()).sum();
+            texels * (16 * usize::from(used.means) + 8 * usize::from(used.places))
+        };
+        self.textures.iter().zip(used).map(of).sum()
     }
 
     /// Sums of a level of texture `number` along rows, or along columns if `across`.

@@ -15,6 +15,9 @@ use crate::shading::light::{Lighting, Shared};
 
 /// Opens devices: one for all views of a stream.
 pub trait Devices: Debug + Send + Sync {
+    /// Bytes that textures may take.
+    fn texture_room(&self) -> usize;
+
     /// A device with these textures, which keeps nothing yet.
     ///
     /// # Errors
@@ -38,6 +41,8 @@ pub trait Device: Send {
 /// A device, and what it keeps.
 pub(crate) struct Loaded {
     device: Box<dyn Device>,
+    /// Whether it has other maps than those of base colour.
+    has_maps: bool,
     /// By where it is: what is kept, and from which row on.
     kept: HashMap<usize, (Kept, u32), Words>,
     /// Rows that are kept.
@@ -46,6 +51,13 @@ pub(crate) struct Loaded {
     sky: Option<packed::Sky>,
     /// Appearances of facets that views have, or had.
     looks: Vec<Weak<[[f32; 4]]>>,
+}
+
+/// What may be packed for a device.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Packs {
+    /// Facets with other maps than one of base colour.
+    pub maps: bool,
 }
 
 /// A row of tiles of a view.
@@ -84,9 +96,15 @@ impl Loaded {
         shared: &Shared,
     ) -> Result<Option<Self>, Error> {
         let Some(devices) = devices else { return Ok(None) };
-        let device = devices.open(&shared.pack(scene))?;
+        let (textures, has_maps) = shared.pack(scene, devices.texture_room());
+        let device = devices.open(&textures)?;
         let (kept, looks) = (HashMap::default(), Vec::new());
-        Ok(Some(Self { device, kept, rows: 0, sky: pack_sky(scene), looks }))
+        Ok(Some(Self { device, has_maps, kept, rows: 0, sky: pack_sky(scene), looks }))
+    }
+
+    /// What may be packed for it.
+    pub(crate) fn packs(&self) -> Packs {
+        Packs { maps: self.has_maps }
     }
 
     /// Appearances of the facets of `lighting`, those of another view where they are the same.

@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use crate::Error;
 use crate::packed::Kept;
-use crate::run::device::{Followed, Loaded, ViewRow};
+use crate::run::device::{Followed, Loaded, Packs, ViewRow};
 use crate::run::frames::{FrameSensor, Taken};
 use crate::run::row::{Following, Row};
 use crate::run::sensing::Sensing;
@@ -76,7 +76,7 @@ pub(crate) fn follow(
     let lists: Vec<Lists> = turns.par_iter_mut().map(Turn::prepare).collect::<Result<_, _>>()?;
     let mut entered: Vec<Entered> =
         turns.into_iter().zip(&lists).map(|(turn, lists)| turn.enter(lists)).collect();
-    let packs = device.is_some();
+    let packs = device.as_ref().map(|device| device.packs());
     entered.par_iter_mut().with_max_len(1).for_each(|own| own.follow(packs, stop));
     if let Some(device) = device {
         follow_on(device, &mut entered, stop)?;
@@ -152,7 +152,7 @@ impl<'t> Turn<'t, '_> {
 
 impl Entered<'_> {
     /// Follows rows of tiles, or packs them for a device.
-    fn follow(&mut self, packs: bool, stop: &AtomicBool) {
+    fn follow(&mut self, packs: Option<Packs>, stop: &AtomicBool) {
         let Self { pixels, evaluator, taken } = self;
         let Pixels { rows, rooms, following, .. } = &mut **pixels;
         each_row(rows, (rooms, stop), |row, work, index| {

@@ -7,7 +7,7 @@ use evis_core::Event;
 use evis_core::emulator::tiled::SensorTile;
 
 use crate::packed;
-use crate::run::device::event_at;
+use crate::run::device::{Packs, event_at};
 use crate::run::frames::Taken;
 use crate::run::sensing::Sensing;
 use crate::run::settings::Report;
@@ -118,20 +118,21 @@ impl Row {
         }
     }
 
-    /// Goes through the block of `evaluator`, but for pixels that a device can follow if `packs`.
+    /// Goes through the block of `evaluator`, but for pixels that a device can follow if it `packs`.
     pub fn follow(
         &mut self,
         work: &mut Work,
         evaluator: &Evaluator,
         (following, taken): (&Following, Option<&Taken>),
-        (row, packs): (usize, bool),
+        (row, packs): (usize, Option<Packs>),
     ) {
         self.columns.clear();
         self.samples.clear();
         self.slots.clear();
         self.sampled.clear();
-        if packs {
-            self.packer.begin(centre_of(evaluator.world), times_of(evaluator.world, evaluator.block));
+        if let Some(packs) = packs {
+            let times_s = times_of(evaluator.world, evaluator.block);
+            self.packer.begin(centre_of(evaluator.world), times_s, packs.maps);
         }
         let columns = evaluator.lists.columns;
         let only = following.only.get(row * columns..(row + 1) * columns).unwrap_or_default();
@@ -144,7 +145,7 @@ impl Row {
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| wanted(*column)) {
-            self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs));
+            self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs.is_some()));
         }
         self.report.pixels_s += started.elapsed().as_secs_f64();
     }

@@ -57,7 +57,7 @@ pub const SKY_DENSITY: f64 = 3.0;
 /// See there.
 pub const SKY_PLACES: u32 = 6;
 /// Places along either side of a footprint on a surface with maps, where there is no picture.
-const PLACES: u32 = 4;
+pub const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.
 const WHOLE: PixelFrame = PixelFrame::square([0.0; 2]);
 

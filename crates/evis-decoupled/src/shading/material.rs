@@ -14,19 +14,20 @@ use evis_scene::{LightKind, Scene, ShadingModel};
 use glam::{DQuat, DVec3};
 
 use crate::image::environment::Surroundings;
+use crate::packed;
 use crate::scene::facets::wide;
 use crate::scene::world::Frame;
 
 /// Rec. ITU-R BT.709-6, item 3.2.
 pub const LUMINANCE: DVec3 = DVec3::from_array(LUMINANCE_WEIGHTS);
 /// Smallest GGX width of a light without extent.
-const LEAST_ALPHA: f64 = 0.002;
+pub const LEAST_ALPHA: f64 = 0.002;
 /// Smallest cosine between normal and view.
-const LEAST_COSINE: f64 = 1e-4;
+pub const LEAST_COSINE: f64 = 1e-4;
 /// Least width of the border of a cone that counts, in radians.
 const LEAST_BORDER: f64 = 1e-3;
 /// Entries per side of the split-sum table.
-const SPLIT_SUM: usize = 128;
+pub const SPLIT_SUM: usize = 128;
 
 /// Outgoing luminance as a function of base colour: `linear . base + constant`.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -161,6 +162,44 @@ impl Around {
     }
 }
 
+impl Around {
+    /// Appends what a device needs of it, see [`packed::Textures::around`].
+    pub fn pack(&self, rows: &mut Vec<[f32; 4]>) {
+        let first = rows.len();
+        let [r, g, b] = self.ambient.to_array().map(|v| v as f32);
+        rows.extend([[0.0; 4], [0.0; 4], [r, g, b, 0.0]]);
+        if let Some(surroundings) = &self.surroundings {
+            surroundings.pack(rows, first);
+            rows[first][3] = f32::from_bits((rows.len() - first) as u32);
+            rows.extend(split_sums().chunks(2).map(|pair| [pair[0][0], pair[0][1], pair[1][0], pair[1][1]]));
+        }
+    }
+}
+
+impl Lamp {
+    /// Rows of a device at the start, middle and end of a block, which are quadratics of time, see [`packed::LIGHT_ROWS`].
+    pub fn pack(at: [&Self; 3], own: u32) -> [[f32; 4]; packed::LIGHT_ROWS] {
+        let [first, ..] = at;
+        let has_place = f32::from(u8::from(first.kind != LightKind::Directional));
+        let [scale, shift] = first.cone.unwrap_or_default().map(|v| v as f32);
+        let range = first.range.map_or(0.0, |range| range as f32);
+        let mut rows = [[0.0; 4]; packed::LIGHT_ROWS];
+        let own = f32::from_bits(own);
+        rows[..3].copy_from_slice(&powers(at.map(|lamp| lamp.position), has_place));
+        rows[3..6].copy_from_slice(&powers(at.map(|lamp| lamp.direction), range));
+        rows[6..9].copy_from_slice(&powers(at.map(|lamp| lamp.strength), own));
+        rows[9] = [scale, shift, f32::from(u8::from(first.cone.is_some())), 0.0];
+        rows
+    }
+}
+
+/// The quadratic of time that goes through what is there at the start, middle and end of a block; `last` is the last number of its
+/// first row.
+pub fn powers([a, b, c]: [DVec3; 3], last: f32) -> [[f32; 4]; 3] {
+    let row = |v: DVec3, last: f32| [v.x as f32, v.y as f32, v.z as f32, last];
+    [row(a, last), row(b * 4.0 - a * 3.0 - c, 0.0), row((a + c - b * 2.0) * 2.0, 0.0)]
+}
+
 /// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between.
 pub fn respond(point: &Point, lamps: &[Lamp], own: &[usize], around: &Around, out: &mut [Response]) {
     let (open, apart) = out.split_at_mut(1);
@@ -270,8 +309,7 @@ fn indirect(point: &Point, around: &Around, out: &mut Response) {
 
 /// Scale and bias of F0 under light from all around (B. Karis, 2013), read bilinearly from a table.
 fn split_sum(n_dot_v: f64, roughness: f64) -> [f64; 2] {
-    static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
-    let table = TABLE.get_or_init(|| brdf_lut(SPLIT_SUM));
+    let table = split_sums();
     let place = |v: f64| {
         let at = (v * SPLIT_SUM as f64 - 0.5).clamp(0.0, (SPLIT_SUM - 1) as f64);
         let low = (at as usize).min(SPLIT_SUM - 2);
@@ -283,6 +321,11 @@ fn split_sum(n_dot_v: f64, roughness: f64) -> [f64; 2] {
         (entry(x, y) * (1.0 - fx) + entry(x + 1, y) * fx) * (1.0 - fy)
             + (entry(x, y + 1) * (1.0 - fx) + entry(x + 1, y + 1) * fx) * fy
     })
+}
+
+fn split_sums() -> &'static [[f32; 2]] {
+    static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
+    TABLE.get_or_init(|| brdf_lut(SPLIT_SUM))
 }
 
 /// Luminance of the sky in `direction` (any length), over a footprint of so many `texels`.

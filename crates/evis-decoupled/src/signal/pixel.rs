@@ -276,10 +276,11 @@ impl Evaluator<'_> {
         let lighting = self.lighting;
         let record = |entry: &Entry| &self.lists.records[entry.record as usize];
         let seen = |entry: &&Entry| entry.touches & pixels != 0;
-        let plain = entries.iter().filter(seen).all(|entry| lighting.is_packable(record(entry).facet));
+        let mapped = entries.iter().filter(seen).filter(|entry| lighting.has_maps(record(entry).facet));
+        let mapped = mapped.fold(0_u64, |pixels, entry| pixels | entry.touches);
         // Parameters of facets are linear before parallel rays, and projective behind a lens that bends them.
         let bent = !work.view.is_square();
-        if !plain || (bent && self.lists.depths.far.is_finite()) {
+        if (mapped != 0 && (bent || !packer.has_maps())) || (bent && self.lists.depths.far.is_finite()) {
             return None;
         }
         work.light.enter_pixel(false);
@@ -308,6 +309,8 @@ impl Evaluator<'_> {
                     let rows = map.transpose().to_cols_array_2d();
                     packer.row.points.extend(rows.map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0]));
                 }
+            } else if mapped >> pixel & 1 == 1 {
+                packed.flags = packed::MAPPED;
             } else if matches!(own, [own] if plain(own)) {
                 packed.flags = packed::PLAIN;
             }

@@ -14,6 +14,8 @@ struct Fragment {
     edge_count: u32,
     entry: u32,
     facet: u32,
+    // 1 seen from its front, -1 from behind.
+    side: f32,
     // 1 / depth, the numerators of s and t, and what these are divided by.
     inverse_depth: vec3<f32>,
     place_s: vec3<f32>,
@@ -58,6 +60,7 @@ fn see(k: u32, own: u32, u: f32) -> bool {
     fragments[k].edge_count = 0u;
     fragments[k].entry = index;
     fragments[k].facet = entries[index].facet;
+    fragments[k].side = select(-1.0, 1.0, front);
     fragments[k].inverse_depth = inverse_depth;
     if ((job.flags & PARALLEL) != 0u) {
         fragments[k].place_s = e3 * (inverse * h[1].z);

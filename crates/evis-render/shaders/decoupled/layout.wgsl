@@ -2,6 +2,8 @@
 override PLAIN: bool = false;
 // Pixels behind a distorted lens: each has a map of its own.
 override BENT: bool = false;
+// Pixels that see facets with other maps than one of base colour.
+override MAPPED: bool = false;
 
 // What the host packs of a block (`packed` of evis-decoupled). Indices of a row of tiles count from the bases that
 // its pixels name.
@@ -48,6 +50,12 @@ struct Batch {
     bent: u32,
     // Word of `scratch` at which light begins.
     light: u32,
+    // Where pixels that see facets with maps are listed.
+    mapped: u32,
+    // Row of `fixed` at which texels of maps begin, and light from all around.
+    texels: u32,
+    around: u32,
+    pad_0: u32,
 };
 
 // Rows of a job: its own, then directions on the sky, then those of its lamps.
@@ -112,8 +120,8 @@ struct Pixel {
 };
 
 const ROUNDS: u32 = 64u;
-// Of each round, and of the one after the last; of plain pixels, of those behind a distorted lens last, of all others between.
-const ROUND_COUNTS: u32 = 3u * (ROUNDS + 1u);
+// Of each round, and of the one after the last, of each kind of pixels.
+const ROUND_COUNTS: u32 = 4u * (ROUNDS + 1u);
 
 struct Turn {
     // In which each pixel is evaluated once at most.
@@ -148,6 +156,10 @@ const MIRRORED: u32 = 2u;
 const CROSSES_NEAR: u32 = 4u;
 const CROSSES_FAR: u32 = 8u;
 const UNLIT: u32 = 16u;
+// It has maps; then `patches` is the first of its rows of `points`, see maps.wgsl.
+const HAS_MAPS: u32 = 32u;
+// What it sends itself changes.
+const GLOWS_APART: u32 = 64u;
 // Pixel.
 const HAS_BEFORE: u32 = 1u;
 const RESTED: u32 = 2u;

@@ -1,6 +1,7 @@
 #import decoupled/shadows.wgsl
 #import decoupled/sky.wgsl
 #import decoupled/texture.wgsl
+#import decoupled/maps.wgsl
 #import common/luminance.wgsl
 // Light that a pixel gets at a time.
 
@@ -107,10 +108,44 @@ struct Part {
 const MOST_SEEN: u32 = 10u;
 var<private> seen: array<Part, MOST_SEEN>;
 
+// Luminance per area of fragment `k`, which has maps, over a part of it with the moments `m`; each of the lamps `lit` counts by its
+// weight.
+fn light_of_maps(k: u32, m: Moments, lit: u32, u: f32) -> f32 {
+    let entry = fragments[k].entry;
+    let sides = sides_of(m);
+    let at = sides.middle;
+    let weight = fragments[k].weight;
+    let place_s = fragments[k].place_s;
+    let place_t = fragments[k].place_t;
+    let depth = 1.0 / line_at(weight, at);
+    let place = vec2<f32>(line_at(place_s, at), line_at(place_t, at)) * depth;
+    let right = vec2<f32>(place_s.x - place.x * weight.x, place_t.x - place.y * weight.x) * depth;
+    let down = vec2<f32>(place_s.y - place.x * weight.y, place_t.y - place.y * weight.y) * depth;
+    let p = right * sides.along.x + down * sides.along.y;
+    let q = right * sides.down.x + down * sides.down.y;
+    let look = job.looks + fragments[k].facet * LOOK_ROWS;
+    shade_places(base.points + entries[entry].patches, look, fragments[k].side, place, p, q, u);
+    let glow = wave_at(entries[entry].glow, u) * map_glow;
+    let apart = (entries[entry].flags & GLOWS_APART) != 0u;
+    var sum = map_light[0] + select(glow, 0.0, apart);
+    var whole = sum;
+    for (var lamp = 0u; lamp < job.lamps; lamp++) {
+        whole += map_light[lamp + 1u];
+        sum += select(0.0, weights[lamp + 1u] * map_light[lamp + 1u], ((lit >> lamp) & 1u) == 1u);
+    }
+    // Places are too few for the detail of a texture: its exact mean takes the place of what they have of it.
+    if (bitcast<u32>(kept[look].w) > 0u && map_base > 0.0 && whole > 0.0) {
+        let off = clamp(luminance(surface_of(k, m).base) / map_base - 1.0, -0.5, 1.0);
+        sum *= 1.0 + off * clamp(map_proportional / whole, 0.0, 1.0);
+    }
+    return sum + select(0.0, glow, apart);
+}
+
 // Luminance that fragment `k` adds, of which the pixel sees what is `visible`, with the moments `m`.
 fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     let entry = fragments[k].entry;
     let unlit = (entries[entry].flags & UNLIT) != 0u;
+    let has_maps = MAPPED && (entries[entry].flags & HAS_MAPS) != 0u;
     let lit = select(entries[entry].lit, 0u, unlit);
     // Software drivers execute both sides of every branch, so the lamps whose shadows come into the pixel are found first.
     var responses = select(1u, 0u, unlit);
@@ -131,7 +166,7 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
         let reached = reached_by(k, lamp, visible, m, u);
         let left = clamp(reached.area / m.area, 0.0, 1.0);
         weights[lamp + 1u] *= left;
-        let apart = left >= PARTLY_LIT.x && left < PARTLY_LIT.y;
+        let apart = left >= PARTLY_LIT.x && left < PARTLY_LIT.y && !has_maps;
         if (apart) {
             // What the lamp reaches may look otherwise than the rest.
             task_moments[tasks] = reached;
@@ -140,6 +175,11 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
         }
         if (apart || left <= 0.0) {
             responses &= ~(2u << lamp);
+        }
+    }
+    if (MAPPED) {
+        if (has_maps) {
+            return m.area * light_of_maps(k, m, responses >> 1u, u);
         }
     }
     task_responses[0] = responses;

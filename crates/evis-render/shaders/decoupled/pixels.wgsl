@@ -34,12 +34,12 @@ var<private> fired_count: u32;
 
 // Where it is counted how many pixels of this kind go on in a round.
 fn count_at(round: u32) -> u32 {
-    return round + select(select(1u, 2u, BENT), 0u, PLAIN) * (ROUNDS + 1u);
+    return round + select(select(select(1u, 3u, MAPPED), 2u, BENT), 0u, PLAIN) * (ROUNDS + 1u);
 }
 
 // Where pixel number `number` of this kind is listed in a round.
 fn slot_at(round: u32, number: u32) -> u32 {
-    let first = select(select(batch.others, batch.bent, BENT), 0u, PLAIN);
+    let first = select(select(select(batch.others, batch.mapped, MAPPED), batch.bent, BENT), 0u, PLAIN);
     return (round % 2u) * batch.pixels + first + number;
 }
 

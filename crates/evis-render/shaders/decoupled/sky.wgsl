@@ -25,8 +25,13 @@ fn sky_level(level: u32, face: u32, at: vec2<f32>) -> f32 {
     return mix(upper, lower, w.y);
 }
 
-// Luminance in a direction, of any length, between two levels.
-fn sky_at(direction: vec3<f32>, level: f32) -> f32 {
+// Where a direction, of any length, meets a cube: a face, and (s, t) there, both from -1 to 1.
+struct CubePlace {
+    face: u32,
+    at: vec2<f32>,
+};
+
+fn cube_place(direction: vec3<f32>) -> CubePlace {
     let size = abs(direction);
     var face = 0u;
     var major = size.x;
@@ -43,11 +48,16 @@ fn sky_at(direction: vec3<f32>, level: f32) -> f32 {
         face = 1u;
         at = vec2<f32>(direction.z, -direction.y);
     }
-    let place = at / max(major, 1e-30);
+    return CubePlace(face, at / max(major, 1e-30));
+}
+
+// Luminance in a direction, of any length, between two levels.
+fn sky_at(direction: vec3<f32>, level: f32) -> f32 {
+    let on = cube_place(direction);
     let last = job.sky_levels - 1u;
     let lower = min(u32(level), last);
-    let a = sky_level(lower, face, place);
-    let b = sky_level(min(lower + 1u, last), face, place);
+    let a = sky_level(lower, on.face, on.at);
+    let b = sky_level(min(lower + 1u, last), on.face, on.at);
     return mix(a, b, min(level - f32(lower), 1.0));
 }
 

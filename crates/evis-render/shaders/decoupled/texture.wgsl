@@ -36,6 +36,8 @@ struct TextureHead {
     wrap_v: u32,
     steps: bool,
     mean: vec3<f32>,
+    // What the greatest number of its texels stands for.
+    most: f32,
 };
 
 var<private> lines: Lines;
@@ -70,6 +72,7 @@ fn head_of(texture: u32) -> TextureHead {
         (words.z >> 2u) & 3u,
         (words.z & 16u) != 0u,
         fixed[row + 1u].xyz,
+        fixed[row + 1u].w,
     );
 }
 

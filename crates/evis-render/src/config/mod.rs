@@ -108,8 +108,8 @@ pub enum Compute {
     /// On the processor's cores, in 64 bits.
     #[default]
     Cpu,
-    /// By compute passes on the device, in 32 bits. Tiles with materials that have more maps than one of base colour stay on the
-    /// processor, orthographic cameras with a distorted lens, and stages of sensors beyond two thresholds.
+    /// By compute passes on the device, in 32 bits. What stays on the processor: materials with other maps than one of base
+    /// colour behind a distorted lens, orthographic cameras with one, and stages of sensors beyond two thresholds.
     Gpu,
 }
 

@@ -57,16 +57,22 @@ impl Followers {
         Ok(Self { gpu: gpu.clone(), passes, events_per_pixel: EVENTS_PER_PIXEL })
     }
 
-    /// The same, ready for distorted lenses too.
+    /// The same, ready for distorted lenses and maps too.
     #[cfg(test)]
     pub(crate) fn with_all_passes(gpu: &Gpu) -> Result<Self, EngineError> {
         let own = Self::new(gpu)?;
-        pass_of(gpu, &own.passes, decoupled::BENT)?;
+        for class in [decoupled::BENT, decoupled::MAPPED] {
+            pass_of(gpu, &own.passes, class)?;
+        }
         Ok(own)
     }
 }
 
 impl Devices for Followers {
+    fn texture_room(&self) -> usize {
+        self.gpu.device.limits().max_storage_buffer_binding_size as usize / 2
+    }
+
     fn open(&self, textures: &Textures) -> Result<Box<dyn Device>, Error> {
         Ok(Box::new(Follower::new(self, textures)?))
     }
@@ -85,6 +91,7 @@ fn pass_of<'p>(gpu: &Gpu, passes: &'p Passes, class: usize) -> Result<&'p Comput
 fn class_of(pixel: &Pixel) -> usize {
     match pixel.flags {
         flags if flags & packed::BENT != 0 => decoupled::BENT,
+        flags if flags & packed::MAPPED != 0 => decoupled::MAPPED,
         flags if flags & packed::PLAIN != 0 => decoupled::PLAIN,
         _ => decoupled::OTHERS,
     }
@@ -120,8 +127,8 @@ struct Follower {
     /// What stays from block to block.
     kept: GrowingBuffer,
     textures: wgpu::Buffer,
-    /// Row of these at which sums of texels begin.
-    sums: u32,
+    /// Where what is in them begins.
+    places: Batch,
     pixels: GrowingBuffer,
     events: GrowingBuffer,
     scratch: GrowingBuffer,
@@ -152,7 +159,12 @@ impl Follower {
                 contents,
                 usage: Usage::STORAGE,
             }),
-            sums: textures.sums,
+            places: Batch {
+                sums: textures.sums,
+                texels: textures.texels,
+                around: textures.around,
+                ..Batch::default()
+            },
             pixels: new("pixels", Usage::STORAGE | Usage::COPY_SRC),
             events: new("events", Usage::STORAGE | Usage::COPY_SRC),
             scratch: new("scratch", Usage::STORAGE | Usage::COPY_SRC),
@@ -235,9 +247,18 @@ impl Follower {
             numbers[class_of(pixel)].push(number);
         }
         let mut going_on = numbers.each_ref().map(|own| own.len() as u32);
-        let (others, bent) = (going_on[0], going_on[0] + going_on[1]);
-        let batch =
-            Batch { pixels: count, capacity, row: columns, jobs, sums: self.sums, others, bent, light };
+        let starts = [1, 2, 3].map(|class| going_on[..class].iter().sum::<u32>());
+        let batch = Batch {
+            pixels: count,
+            capacity,
+            row: columns,
+            jobs,
+            others: starts[0],
+            bent: starts[1],
+            mapped: starts[2],
+            light,
+            ..self.places
+        };
         self.batch.write(device, queue, bytemuck::bytes_of(&batch));
         self.scratch.write(device, queue, bytemuck::cast_slice(&numbers.concat()));
         let mut passes = Vec::new();

@@ -85,6 +85,7 @@ shaders![
     "decoupled/texture.wgsl",
     "decoupled/shadows.wgsl",
     "decoupled/sky.wgsl",
+    "decoupled/maps.wgsl",
     "decoupled/light.wgsl",
     "decoupled/knots.wgsl",
     "decoupled/pixels.wgsl",

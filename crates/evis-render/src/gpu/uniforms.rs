@@ -336,6 +336,14 @@ pub struct Batch {
     pub bent: u32,
     /// Word at which light that is wanted throughout a block begins.
     pub light: u32,
+    /// Where pixels that see facets with maps are listed.
+    pub mapped: u32,
+    /// Row of textures at which texels of maps begin.
+    pub texels: u32,
+    /// Row of textures at which light from all around begins.
+    pub around: u32,
+    /// Zero.
+    pub pad_0: u32,
 }
 
 /// `Turn` in `decoupled/layout.wgsl`.

@@ -11,14 +11,17 @@ pub const ROUNDS: u32 = 64;
 pub const STATE_WORDS: u32 = 28;
 /// Words per pixel that stay on the device between rounds: two lists, and what is known of it.
 pub const SCRATCH_WORDS: u32 = 2 + STATE_WORDS;
-/// Classes of pixels, which have pipelines of their own: plain ones, those behind a distorted lens, and all others.
+/// Classes of pixels, which have pipelines of their own: plain ones, those behind a distorted lens, those that may see facets with
+/// maps, and all others.
 pub const PLAIN: usize = 0;
 /// See there.
 pub const OTHERS: usize = 1;
 /// See there.
 pub const BENT: usize = 2;
+/// See there.
+pub const MAPPED: usize = 3;
 /// How many there are.
-pub const CLASSES: usize = 3;
+pub const CLASSES: usize = 4;
 /// Words before the events: how many there are, then how many pixels of each class go on in each round.
 pub const HEAD_WORDS: u32 = 1 + CLASSES as u32 * (ROUNDS + 1);
 
@@ -38,7 +41,7 @@ pub const PIXELS_BINDINGS: &[Binding] = &[
 
 /// The pass, for pixels of a class.
 pub fn pixels(device: &wgpu::Device, class: usize) -> ComputePass {
-    let constants =
-        [("PLAIN", PLAIN), ("BENT", BENT)].map(|(name, own)| (name, f64::from(u8::from(class == own))));
+    let constants = [("PLAIN", PLAIN), ("BENT", BENT), ("MAPPED", MAPPED)]
+        .map(|(name, own)| (name, f64::from(u8::from(class == own))));
     ComputePass::new(device, "decoupled/pixels.wgsl", PIXELS_BINDINGS, &constants)
 }

@@ -350,7 +350,20 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "decoupled/pixels.wgsl",
         "Batch",
-        uniforms::Batch { pixels, capacity, row, jobs, sums, others, bent, light }
+        uniforms::Batch {
+            pixels,
+            capacity,
+            row,
+            jobs,
+            sums,
+            others,
+            bent,
+            light,
+            mapped,
+            texels,
+            around,
+            pad_0
+        }
     );
     same_layout!(
         "decoupled/pixels.wgsl",
@@ -584,7 +597,7 @@ fn constants_agree() {
     }
     use evis_decoupled::image::texture;
     use evis_decoupled::packed;
-    use evis_decoupled::shading::light;
+    use evis_decoupled::shading::{light, material};
     use evis_decoupled::signal::{knots, path, pixel};
     let decoupled_constants = [
         ("MOST_OWN", packed::MOST_OWN as f64),
@@ -599,6 +612,18 @@ fn constants_agree() {
         ("CROSSES_NEAR", packed::CROSSES_NEAR.into()),
         ("CROSSES_FAR", packed::CROSSES_FAR.into()),
         ("UNLIT", packed::UNLIT.into()),
+        ("HAS_MAPS", packed::HAS_MAPS.into()),
+        ("GLOWS_APART", packed::GLOWS_APART.into()),
+        ("GEOMETRY_ROWS", packed::GEOMETRY_ROWS as f64),
+        ("MAP_ROWS", 3.0 * packed::GEOMETRY_ROWS as f64),
+        ("MATERIAL_ROW", packed::MAPPED_ROWS as f64 - 3.0),
+        ("LIGHTS_ROW", packed::MAPPED_ROWS as f64 - 1.0),
+        ("EYE_ROWS", packed::EYE_ROWS as f64),
+        ("LIGHT_ROWS", packed::LIGHT_ROWS as f64),
+        ("MAP_PLACES", light::PLACES.into()),
+        ("SPLIT_SUM", material::SPLIT_SUM as f64),
+        ("LEAST_ALPHA", f64::from(material::LEAST_ALPHA as f32)),
+        ("LEAST_COSINE", f64::from(material::LEAST_COSINE as f32)),
         ("HAS_BEFORE", packed::HAS_BEFORE.into()),
         ("RESTED", packed::RESTED.into()),
         ("BEGINS", packed::BEGINS.into()),

@@ -5,12 +5,16 @@ use std::sync::Arc;
 
 use evis_scene::environment::FACES;
 use evis_scene::motion::{WaveShape, Waveform};
-use evis_scene::{Scene, ShadingModel};
+use evis_scene::{Eye, Scene, ShadingModel};
 use glam::{DMat3, DVec3};
 
-use super::{Lighting, Shared, TileLight, mapped, material};
+use super::{Lighting, Mapped, Shared, TileLight, mapped, material};
 use crate::hash::Words;
+use crate::image::maps::Maps;
+use crate::image::texture::Use;
 use crate::packed::{self, Lamp, MOST_OWN, Wave, steady};
+use crate::shading::material::powers;
+use crate::shading::moments::FacetAt;
 use crate::visibility::lists::{Record, rows_about};
 
 /// A row of tiles in work.
@@ -27,12 +31,20 @@ pub struct RowPacker {
     casters: HashMap<u32, u32, Words>,
     /// By where a patch is: its number.
     patches: HashMap<usize, u32, Words>,
+    /// Whether the device has maps beside those of base colour; by record, the first row of what it needs of them, and that of
+    /// lights.
+    has_maps: bool,
+    mapped: HashMap<u32, u32, Words>,
+    lights: Option<u32>,
 }
 
 impl RowPacker {
-    /// Begins a row: the picture's centre, and seconds of the scene at the start of the block and during it.
-    pub fn begin(&mut self, centre: [f64; 2], times_s: [f64; 2]) {
-        (self.centre, self.times_s) = (centre, times_s);
+    /// Begins a row: the picture's centre, seconds of the scene at the start of the block and during it, and whether the device has
+    /// other maps than those of base colour.
+    pub fn begin(&mut self, centre: [f64; 2], times_s: [f64; 2], has_maps: bool) {
+        (self.centre, self.times_s, self.has_maps) = (centre, times_s, has_maps);
+        self.mapped.clear();
+        self.lights = None;
         let packed::Row { entries, words, points, patches, patch_words, pixels, light } = &mut self.row;
         entries.clear();
         words.clear();
@@ -44,6 +56,11 @@ impl RowPacker {
         self.records.clear();
         self.casters.clear();
         self.patches.clear();
+    }
+
+    /// Whether the device has other maps than those of base colour.
+    pub fn has_maps(&self) -> bool {
+        self.has_maps
     }
 
     /// The picture's centre.
@@ -113,22 +130,96 @@ pub fn pack_sky(scene: &Scene) -> Option<packed::Sky> {
 }
 
 impl Shared {
-    /// Textures of `scene`, whose textures these are, as a device has them, but for those of surfaces that it cannot light.
-    pub fn pack(&self, scene: &Scene) -> packed::Textures {
-        let mut used = vec![false; scene.textures.len()];
-        for material in scene.materials.iter().filter(|material| mapped(material).is_none()) {
+    /// Textures of `scene`, whose textures these are, as a device has them, and whether all maps are among them: where they are
+    /// and take more than `most` bytes, those of base colour alone.
+    pub fn pack(&self, scene: &Scene, most: usize) -> (packed::Textures, bool) {
+        let mut plain = vec![Use::default(); scene.textures.len()];
+        let mut all = plain.clone();
+        let mut has_maps = false;
+        for material in &scene.materials {
+            let maps = mapped(material);
+            for texture in maps.iter().flat_map(Maps::textures) {
+                (all[texture].places, has_maps) = (true, true);
+            }
             if let Some(texture) = material.base_color_texture {
-                used[texture.texture] = true;
+                all[texture.texture].means = true;
+                plain[texture.texture].means |= maps.is_none();
             }
         }
-        self.textures.pack(&used)
+        if !has_maps || self.textures.packed_bytes(&all) > most {
+            return (self.textures.pack(&plain), false);
+        }
+        let mut packed = self.textures.pack(&all);
+        packed.around = packed.rows.len() as u32;
+        self.around.pack(&mut packed.rows);
+        (packed, true)
     }
 }
 
 impl Lighting<'_> {
-    /// Whether a device can light `facet`: it knows no maps but of base colour.
-    pub fn is_packable(&self, facet: u32) -> bool {
-        self.answers[self.world.facets[facet as usize].surface as usize].maps.is_none()
+    /// Whether `facet` has other maps than one of base colour.
+    pub fn has_maps(&self, facet: u32) -> bool {
+        self.answers[self.world.facets[facet as usize].surface as usize].maps.is_some()
+    }
+
+    /// Where what a device needs of a facet with maps is, `record`, number `index` of the block; `mapped` are these.
+    fn pack_maps(&self, mapped: &Mapped, record: &Record, index: u32, packer: &mut RowPacker) -> u32 {
+        if let Some(first) = packer.mapped.get(&index) {
+            return *first;
+        }
+        let facet = self.world.facets[record.facet as usize];
+        let at = [0.0, 0.5, 1.0].map(|u| self.facet_at(record.facet, true, u));
+        let lights = *packer.lights.get_or_insert_with(|| {
+            let points = &mut packer.row.points;
+            let first = points.len() as u32;
+            let is_parallel = matches!(at[0].eye, Some(Eye::Along(_)));
+            let eye = |of: &FacetAt| match of.eye {
+                Some(Eye::At(place)) => place,
+                Some(Eye::Along(way)) => way,
+                None => DVec3::ZERO,
+            };
+            points.extend(powers(at.each_ref().map(eye), f32::from(u8::from(is_parallel))));
+            for lamp in 0..at[0].lamps.len() {
+                let own = self.own.iter().position(|own| *own == lamp).map_or(0, |number| number as u32 + 1);
+                points.extend(material::Lamp::pack(at.each_ref().map(|of| &of.lamps[lamp]), own));
+            }
+            first
+        });
+        let primitive = self.world.primitive(facet.surface);
+        let (maps, [normal_scale, occlusion]) =
+            mapped.maps.on(&self.shared.textures, primitive, facet.corners).pack();
+        let answer = &self.answers[facet.surface as usize];
+        let mut rows = [[0.0; 4]; packed::MAPPED_ROWS];
+        for corner in 0..3 {
+            let of = |get: fn(&FacetAt, usize) -> DVec3| at.each_ref().map(|at| get(at, corner));
+            let sign = at[0].tangents[corner].1 as f32;
+            for (kind, parts) in [
+                powers(of(|at, corner| at.corners[corner].0), 0.0),
+                powers(of(|at, corner| at.corners[corner].1), 0.0),
+                powers(of(|at, corner| at.tangents[corner].0), sign),
+            ]
+            .into_iter()
+            .enumerate()
+            {
+                for (power, row) in parts.into_iter().enumerate() {
+                    rows[packed::GEOMETRY_ROWS * power + 3 * kind + corner] = row;
+                }
+            }
+        }
+        let (_, others) = rows.split_at_mut(3 * packed::GEOMETRY_ROWS);
+        others[..2 * packed::MAPS].copy_from_slice(maps.as_flattened());
+        let glow = mapped.emissive * material::LUMINANCE;
+        let shines = f32::from(u8::from(answer.model == ShadingModel::MetallicRoughness));
+        let lamps = at[0].lamps.len() as u32;
+        others[2 * packed::MAPS..].copy_from_slice(&[
+            [mapped.metallic as f32, mapped.roughness as f32, normal_scale, occlusion],
+            [glow.x as f32, glow.y as f32, glow.z as f32, shines],
+            packed::as_floats([lights, lamps, 0, 0]),
+        ]);
+        let first = packer.row.points.len() as u32;
+        packer.row.points.extend(rows);
+        packer.mapped.insert(index, first);
+        first
     }
 
     /// Of what [`Lighting::pack_looks`] returns: another one where that is something else.
@@ -211,11 +302,17 @@ impl Lighting<'_> {
         ] {
             entry.flags |= if holds { flag } else { 0 };
         }
-        let emitted = if answer.model == ShadingModel::Unlit { 1.0 } else { answer.glow };
+        let is_factor = answer.model == ShadingModel::Unlit || answer.maps.is_some();
+        let emitted = if is_factor { 1.0 } else { answer.glow };
         entry.glow = wave(answer.waveform, emitted, packer.times_s);
+        if let Some(mapped) = &answer.maps {
+            entry.flags |= packed::HAS_MAPS;
+            entry.flags |= if answer.waveform.is_some() { packed::GLOWS_APART } else { 0 };
+            entry.patches = self.pack_maps(mapped, record, index, packer);
+        }
         let row = &mut packer.row;
-        entry.patches = row.words.len() as u32;
-        let moments = if light.unlit { 0 } else { light.intervals as usize + 1 };
+        let patches = row.words.len();
+        let moments = if light.unlit || answer.maps.is_some() { 0 } else { light.intervals as usize + 1 };
         for patch in &tile.patches[light.at..][..moments * light.count[0] * light.count[1]] {
             let number = *packer.patches.entry(packed::place_of(&patch.rows)).or_insert_with(|| {
                 row.patches.push(Arc::clone(&patch.rows));
@@ -223,7 +320,10 @@ impl Lighting<'_> {
             });
             row.words.push(number);
         }
-        row.patch_words.push(entry.patches as usize..row.words.len());
+        if answer.maps.is_none() {
+            entry.patches = patches as u32;
+            row.patch_words.push(patches..row.words.len());
+        }
         entry.shades = row.words.len() as u32;
         let mut lists = entry.shades as usize + packed::SHADE_WORDS * self.own.len();
         row.words.resize(lists, 0);
