@@ -394,6 +394,7 @@ impl Row {
         }
         true
     }
+
     /// Leaves a tile's light to a device; false where nothing of it changes, and where that cannot show it.
     fn pack_light(
         &mut self,
