@@ -88,6 +88,13 @@ impl Following {
     }
 }
 
+/// Pixels of a tile of which anything changes during `block`.
+fn changing(block: Block, activities: &[Option<PixelActivity>; PIXELS]) -> u64 {
+    let changes = |activity: &PixelActivity| !activity.still || block.jump;
+    let pixels = activities.iter().enumerate().filter(|(_, a)| a.as_ref().is_some_and(changes));
+    pixels.fold(0, |pixels, (pixel, _)| pixels | 1 << pixel)
+}
+
 /// The middle of the picture without distortion.
 fn centre_of(world: &World) -> [f64; 2] {
     [world.lens.width, world.lens.height].map(|v| 0.5 * f64::from(v))
@@ -371,9 +378,7 @@ impl Row {
         (activities, follows, column): (&[Option<PixelActivity>; PIXELS], u64, usize),
     ) -> bool {
         let block = evaluator.block;
-        let moves = |activity: &PixelActivity| !activity.still || block.jump;
-        let pixels = activities.iter().enumerate().filter(|(_, a)| a.as_ref().is_some_and(moves));
-        let pixels = follows & pixels.fold(0, |pixels, (pixel, _)| pixels | 1 << pixel);
+        let pixels = follows & changing(block, activities);
         if pixels == 0 {
             return true;
         }
@@ -405,9 +410,7 @@ impl Row {
         (activities, before, column): (&[Option<PixelActivity>; PIXELS], &TileLuminance, usize),
     ) -> bool {
         let block = evaluator.block;
-        let moves = |activity: &PixelActivity| !activity.still || block.jump;
-        let pixels = activities.iter().enumerate().filter(|(_, a)| a.as_ref().is_some_and(moves));
-        let pixels = pixels.fold(0, |pixels, (pixel, _)| pixels | 1 << pixel);
+        let pixels = changing(block, activities);
         if pixels == 0 {
             return false;
         }

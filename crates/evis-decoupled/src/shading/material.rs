@@ -17,6 +17,7 @@ use crate::image::environment::Surroundings;
 use crate::packed;
 use crate::scene::facets::wide;
 use crate::scene::world::Frame;
+use crate::visibility::lists::powers;
 
 /// Rec. ITU-R BT.709-6, item 3.2.
 pub const LUMINANCE: DVec3 = DVec3::from_array(LUMINANCE_WEIGHTS);
@@ -185,19 +186,20 @@ impl Lamp {
         let range = first.range.map_or(0.0, |range| range as f32);
         let mut rows = [[0.0; 4]; packed::LIGHT_ROWS];
         let own = f32::from_bits(own);
-        rows[..3].copy_from_slice(&powers(at.map(|lamp| lamp.position), has_place));
-        rows[3..6].copy_from_slice(&powers(at.map(|lamp| lamp.direction), range));
-        rows[6..9].copy_from_slice(&powers(at.map(|lamp| lamp.strength), own));
+        rows[..3].copy_from_slice(&over_time(at.map(|lamp| lamp.position), has_place));
+        rows[3..6].copy_from_slice(&over_time(at.map(|lamp| lamp.direction), range));
+        rows[6..9].copy_from_slice(&over_time(at.map(|lamp| lamp.strength), own));
         rows[9] = [scale, shift, f32::from(u8::from(first.cone.is_some())), 0.0];
         rows
     }
 }
 
-/// The quadratic of time that goes through what is there at the start, middle and end of a block; `last` is the last number of its
-/// first row.
-pub fn powers([a, b, c]: [DVec3; 3], last: f32) -> [[f32; 4]; 3] {
+/// Rows of the quadratic of time that goes through what is there at the start, middle and end of a block; `last` is the last number
+/// of the first one.
+pub fn over_time(at: [DVec3; 3], last: f32) -> [[f32; 4]; 3] {
     let row = |v: DVec3, last: f32| [v.x as f32, v.y as f32, v.z as f32, last];
-    [row(a, last), row(b * 4.0 - a * 3.0 - c, 0.0), row((a + c - b * 2.0) * 2.0, 0.0)]
+    let [a, b, c] = powers(at);
+    [row(a, last), row(b, 0.0), row(c, 0.0)]
 }
 
 /// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between.

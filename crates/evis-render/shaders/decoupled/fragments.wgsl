@@ -71,7 +71,7 @@ fn see(k: u32, own: u32, u: f32) -> bool {
         fragments[k].place_t = e0 * inverse;
         fragments[k].weight = inverse_depth;
     }
-    if (PLAIN || (own & COVERS) != 0u) {
+    if (CLASS == PLAIN || (own & COVERS) != 0u) {
         return true;
     }
     let side = sign(volume);

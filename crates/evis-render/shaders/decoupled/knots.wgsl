@@ -75,7 +75,7 @@ fn curve_at(curve: Curve, u: f32) -> f32 {
     return dot(vec4<f32>(-u * v * w / 6.0, x * v * w / 2.0, -x * u * w / 2.0, x * u * v / 6.0), curve.knots);
 }
 
-// Parts of interval `k` that were not evaluated; all of them but the last where `halved` is false.
+// Ends of the parts within interval `k`, but for its middle where that was evaluated (`halved`).
 fn fill_parts(k: u32, curve: Curve, halved: bool) {
     for (var part = 1u; part < interval_parts; part++) {
         if (!(halved && part == 2u)) {

@@ -1,9 +1,11 @@
-// Pixels that one facet fills throughout and into which no shadow comes: of code that is never reached drivers make none.
-override PLAIN: bool = false;
-// Pixels behind a distorted lens: each has a map of its own.
-override BENT: bool = false;
-// Pixels that see facets with other maps than one of base colour.
-override MAPPED: bool = false;
+// Which pixels, 1 being all others: of code that is never reached drivers make none.
+override CLASS: u32 = 1u;
+// Those that one facet fills throughout and into which no shadow comes.
+const PLAIN: u32 = 0u;
+// Those behind a distorted lens: each has a map of its own.
+const BENT: u32 = 2u;
+// Those that see facets with other maps than one of base colour.
+const MAPPED: u32 = 3u;
 
 // What the host packs of a block (`packed` of evis-decoupled). Indices of a row of tiles count from the bases that
 // its pixels name.
@@ -45,17 +47,13 @@ struct Batch {
     jobs: u32,
     // Row of `fixed` at which sums of texels begin.
     sums: u32,
-    // Where pixels that are neither plain nor behind a distorted lens are listed, and those behind one.
-    others: u32,
-    bent: u32,
     // Word of `scratch` at which light begins.
     light: u32,
-    // Where pixels that see facets with maps are listed.
-    mapped: u32,
     // Row of `fixed` at which texels of maps begin, and light from all around.
     texels: u32,
     around: u32,
-    pad_0: u32,
+    // Where the pixels of each class are listed.
+    lists: vec4<u32>,
 };
 
 // Rows of a job: its own, then directions on the sky, then those of its lamps.
@@ -120,7 +118,7 @@ struct Pixel {
 };
 
 const ROUNDS: u32 = 64u;
-// Of each round, and of the one after the last, of each kind of pixels.
+// Of each round, and of the one after the last, of each class.
 const ROUND_COUNTS: u32 = 4u * (ROUNDS + 1u);
 
 struct Turn {
@@ -232,7 +230,7 @@ fn enter_frame(row: u32) {
 
 // A homogeneous image point about the pixel's centre.
 fn about_pixel(h: vec3<f32>) -> vec3<f32> {
-    if (BENT) {
+    if (CLASS == BENT) {
         return h * to_pixel;
     }
     return vec3<f32>(h.xy - centre * h.z, h.z);
@@ -240,7 +238,7 @@ fn about_pixel(h: vec3<f32>) -> vec3<f32> {
 
 // The image point about the picture's centre at a place in the pixel.
 fn image_point(at: vec2<f32>) -> vec3<f32> {
-    if (BENT) {
+    if (CLASS == BENT) {
         return vec3<f32>(at, 1.0) * from_pixel;
     }
     return vec3<f32>(centre + at, 1.0);
@@ -248,7 +246,7 @@ fn image_point(at: vec2<f32>) -> vec3<f32> {
 
 // 1 / depth, as facets have it, of the plane at a depth.
 fn depth_plane(inverse: f32) -> vec3<f32> {
-    if (BENT) {
+    if (CLASS == BENT) {
         return from_pixel[2] * inverse;
     }
     return vec3<f32>(0.0, 0.0, inverse);

@@ -19,14 +19,28 @@ struct Surface {
     base: vec3<f32>,
 };
 
-// (s, t) at the centroid of a part of fragment `k`, and base colour averaged over the part.
-fn surface_of(k: u32, m: Moments) -> Surface {
-    let at = m.first / m.area;
+// (s, t) of fragment `k` at a place of the pixel, and their change to the right and down.
+struct Spot {
+    place: vec2<f32>,
+    right: vec2<f32>,
+    down: vec2<f32>,
+};
+
+fn spot_of(k: u32, at: vec2<f32>) -> Spot {
     let weight = fragments[k].weight;
     let place_s = fragments[k].place_s;
     let place_t = fragments[k].place_t;
     let depth = 1.0 / line_at(weight, at);
     let place = vec2<f32>(line_at(place_s, at), line_at(place_t, at)) * depth;
+    let right = vec2<f32>(place_s.x - place.x * weight.x, place_t.x - place.y * weight.x) * depth;
+    let down = vec2<f32>(place_s.y - place.x * weight.y, place_t.y - place.y * weight.y) * depth;
+    return Spot(place, right, down);
+}
+
+// (s, t) at the centroid of a part of fragment `k`, and base colour averaged over the part.
+fn surface_of(k: u32, m: Moments) -> Surface {
+    let spot = spot_of(k, m.first / m.area);
+    let place = spot.place;
     let look = job.looks + fragments[k].facet * LOOK_ROWS;
     let first = kept[look];
     let along_s = kept[look + 1u];
@@ -38,10 +52,8 @@ fn surface_of(k: u32, m: Moments) -> Surface {
         let p = sides.along;
         let q = sides.down;
         let texels = kept[look + 3u];
-        let right = vec2<f32>(place_s.x - place.x * weight.x, place_t.x - place.y * weight.x) * depth;
-        let down = vec2<f32>(place_s.y - place.x * weight.y, place_t.y - place.y * weight.y) * depth;
-        let right_texels = texels.xy * right.x + texels.zw * right.y;
-        let down_texels = texels.xy * down.x + texels.zw * down.y;
+        let right_texels = texels.xy * spot.right.x + texels.zw * spot.right.y;
+        let down_texels = texels.xy * spot.down.x + texels.zw * spot.down.y;
         let origin = vec2<f32>(along_s.w, along_t.w);
         let middle = origin + texels.xy * place.x + texels.zw * place.y;
         color *= texture_mean(
@@ -113,18 +125,11 @@ var<private> seen: array<Part, MOST_SEEN>;
 fn light_of_maps(k: u32, m: Moments, lit: u32, u: f32) -> f32 {
     let entry = fragments[k].entry;
     let sides = sides_of(m);
-    let at = sides.middle;
-    let weight = fragments[k].weight;
-    let place_s = fragments[k].place_s;
-    let place_t = fragments[k].place_t;
-    let depth = 1.0 / line_at(weight, at);
-    let place = vec2<f32>(line_at(place_s, at), line_at(place_t, at)) * depth;
-    let right = vec2<f32>(place_s.x - place.x * weight.x, place_t.x - place.y * weight.x) * depth;
-    let down = vec2<f32>(place_s.y - place.x * weight.y, place_t.y - place.y * weight.y) * depth;
-    let p = right * sides.along.x + down * sides.along.y;
-    let q = right * sides.down.x + down * sides.down.y;
+    let spot = spot_of(k, sides.middle);
+    let p = spot.right * sides.along.x + spot.down * sides.along.y;
+    let q = spot.right * sides.down.x + spot.down * sides.down.y;
     let look = job.looks + fragments[k].facet * LOOK_ROWS;
-    shade_places(base.points + entries[entry].patches, look, fragments[k].side, place, p, q, u);
+    shade_places(base.points + entries[entry].patches, look, fragments[k].side, spot.place, p, q, u);
     let glow = wave_at(entries[entry].glow, u) * map_glow;
     let apart = (entries[entry].flags & GLOWS_APART) != 0u;
     var sum = map_light[0] + select(glow, 0.0, apart);
@@ -145,7 +150,7 @@ fn light_of_maps(k: u32, m: Moments, lit: u32, u: f32) -> f32 {
 fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     let entry = fragments[k].entry;
     let unlit = (entries[entry].flags & UNLIT) != 0u;
-    let has_maps = MAPPED && (entries[entry].flags & HAS_MAPS) != 0u;
+    let has_maps = CLASS == MAPPED && (entries[entry].flags & HAS_MAPS) != 0u;
     let lit = select(entries[entry].lit, 0u, unlit);
     // Software drivers execute both sides of every branch, so the lamps whose shadows come into the pixel are found first.
     var responses = select(1u, 0u, unlit);
@@ -161,7 +166,7 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     }
     task_moments[0] = m;
     var tasks = 1u;
-    for (; !PLAIN && shadowed != 0u && !failed; shadowed &= shadowed - 1u) {
+    for (; CLASS != PLAIN && shadowed != 0u && !failed; shadowed &= shadowed - 1u) {
         let lamp = firstTrailingBit(shadowed);
         let reached = reached_by(k, lamp, visible, m, u);
         let left = clamp(reached.area / m.area, 0.0, 1.0);
@@ -177,7 +182,7 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
             responses &= ~(2u << lamp);
         }
     }
-    if (MAPPED) {
+    if (CLASS == MAPPED) {
         if (has_maps) {
             return m.area * light_of_maps(k, m, responses >> 1u, u);
         }
@@ -242,7 +247,7 @@ fn light_of_all(own: u32, own_count: u32, u: f32) -> f32 {
 // Mean luminance of a pixel at part `u` of the block.
 fn light_at(own: u32, own_count: u32, u: f32) -> f32 {
     var light = 0.0;
-    if (PLAIN) {
+    if (CLASS == PLAIN) {
         if (see(0u, words[base.words + own], u)) {
             light = light_of(0u, whole_pixel(), all_of(0u), u);
         }

@@ -87,15 +87,11 @@ fn map_at(row: u32, map: u32, place: vec2<f32>, area: f32, otherwise: vec3<f32>)
 
 // Light of a level of light from all around in a direction.
 fn around_at(level: vec2<u32>, direction: vec3<f32>) -> vec3<f32> {
-    let on = cube_place(direction);
-    let row = level.y + 2u;
-    let at = (on.at + 1.0) * 0.5 * f32(level.y) + 0.5;
-    let low = min(vec2<u32>(max(at, vec2<f32>(0.0))), vec2<u32>(level.y));
-    let w = at - vec2<f32>(low);
-    let first = batch.around + level.x + (on.face * row + low.y) * row + low.x;
-    let upper = mix(fixed[first].xyz, fixed[first + 1u].xyz, w.x);
-    let lower = mix(fixed[first + row].xyz, fixed[first + row + 1u].xyz, w.x);
-    return mix(upper, lower, w.y);
+    let around = cube_texels(cube_place(direction), level.y);
+    let first = batch.around + level.x + around.first;
+    let upper = mix(fixed[first].xyz, fixed[first + 1u].xyz, around.w.x);
+    let lower = mix(fixed[first + around.row].xyz, fixed[first + around.row + 1u].xyz, around.w.x);
+    return mix(upper, lower, around.w.y);
 }
 
 fn turned_around(v: vec3<f32>) -> vec3<f32> {
@@ -221,7 +217,8 @@ fn lit_by(point: MapPoint, row: u32, u: f32) -> vec2<f32> {
 
 // Means over the places: light of what no shadow falls on and of each lamp, luminance of base colour, what of all light is
 // proportional to that, and of what it sends itself.
-var<private> map_light: array<f32, 9>;
+const MAP_LIGHTS: u32 = 1u + MOST_OWN;
+var<private> map_light: array<f32, MAP_LIGHTS>;
 var<private> map_base: f32;
 var<private> map_proportional: f32;
 var<private> map_glow: f32;
@@ -247,7 +244,7 @@ fn shade_places(row: u32, look: u32, side: f32, middle: vec2<f32>, p: vec2<f32>,
     let signs = vec3<f32>(points[row + 6u].w, points[row + 7u].w, points[row + 8u].w);
     let eye = over_time(lights, 1u, u);
     let parallel = points[lights].w > 0.0;
-    for (var k = 0u; k < 9u; k++) {
+    for (var k = 0u; k < MAP_LIGHTS; k++) {
         map_light[k] = 0.0;
     }
     map_base = 0.0;
@@ -292,7 +289,7 @@ fn shade_places(row: u32, look: u32, side: f32, middle: vec2<f32>, p: vec2<f32>,
         map_base += luminance(point.base);
         map_glow += dot(emission.xyz, map_at(row, EMISSION_MAP, place, area, vec3<f32>(1.0)));
     }
-    for (var k = 0u; k < 9u; k++) {
+    for (var k = 0u; k < MAP_LIGHTS; k++) {
         map_light[k] /= f32(count);
     }
     map_base /= f32(count);

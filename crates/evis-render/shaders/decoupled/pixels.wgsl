@@ -1,7 +1,8 @@
 #import decoupled/light.wgsl
 #import decoupled/knots.wgsl
-// Follows pixels through a block: `PixelPath::walk` of evis-decoupled, and `TileSignal` where light is wanted throughout. In each round each pixel that is not at the end is
-// evaluated once, and goes on as far as that tells; those that go on are listed for the next round.
+// Follows pixels through a block: `PixelPath::walk` of evis-decoupled, and `TileSignal` where light is wanted throughout. In
+// each round each pixel that is not at the end is evaluated once, and goes on as far as that tells; those that go on are listed
+// for the next round.
 
 // Events that a pixel fires in a round.
 const MOST_EVENTS: u32 = 48u;
@@ -32,15 +33,14 @@ var<private> below: f32;
 var<private> fired: array<u32, MOST_EVENTS>;
 var<private> fired_count: u32;
 
-// Where it is counted how many pixels of this kind go on in a round.
+// Where it is counted how many pixels of this class go on in a round.
 fn count_at(round: u32) -> u32 {
-    return round + select(select(select(1u, 3u, MAPPED), 2u, BENT), 0u, PLAIN) * (ROUNDS + 1u);
+    return round + CLASS * (ROUNDS + 1u);
 }
 
-// Where pixel number `number` of this kind is listed in a round.
+// Where pixel number `number` of this class is listed in a round.
 fn slot_at(round: u32, number: u32) -> u32 {
-    let first = select(select(select(batch.others, batch.mapped, MAPPED), batch.bent, BENT), 0u, PLAIN);
-    return (round % 2u) * batch.pixels + first + number;
+    return (round % 2u) * batch.pixels + batch.lists[CLASS] + number;
 }
 
 fn level_at(log_level: f32) -> f32 {
@@ -368,7 +368,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let pixel = pixels[index];
     enter_row(pixel.bases);
     centre = pixel.centre;
-    if (BENT) {
+    if (CLASS == BENT) {
         enter_frame(base.points + pixel.frame);
     }
     number = pixel.number;

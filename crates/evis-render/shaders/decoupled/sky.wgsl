@@ -10,26 +10,36 @@ fn sky_number(index: u32) -> f32 {
     return kept[job.sky + job.sky_levels + index / 4u][index % 4u];
 }
 
-// Luminance of a level at (s, t) of a face, both from -1 to 1, between texels' middles.
-fn sky_level(level: u32, face: u32, at: vec2<f32>) -> f32 {
-    let head = bitcast<vec4<u32>>(kept[job.sky + level]);
-    let size = head.y;
-    // A texel lies beyond each edge.
-    let row = size + 2u;
-    let place = (at + 1.0) * 0.5 * f32(size) + 0.5;
-    let low = min(vec2<u32>(max(place, vec2<f32>(0.0))), vec2<u32>(size));
-    let w = place - vec2<f32>(low);
-    let first = head.x + (face * row + low.y) * row + low.x;
-    let upper = mix(sky_number(first), sky_number(first + 1u), w.x);
-    let lower = mix(sky_number(first + row), sky_number(first + row + 1u), w.x);
-    return mix(upper, lower, w.y);
-}
-
 // Where a direction, of any length, meets a cube: a face, and (s, t) there, both from -1 to 1.
 struct CubePlace {
     face: u32,
     at: vec2<f32>,
 };
+
+// Of the four texels around such a place: number of the first one, how many a row has, and how far from it the place is.
+struct CubeTexels {
+    first: u32,
+    row: u32,
+    w: vec2<f32>,
+};
+
+// Faces of `size` texels a side, with one more beyond each edge.
+fn cube_texels(on: CubePlace, size: u32) -> CubeTexels {
+    let row = size + 2u;
+    let place = (on.at + 1.0) * 0.5 * f32(size) + 0.5;
+    let low = min(vec2<u32>(max(place, vec2<f32>(0.0))), vec2<u32>(size));
+    return CubeTexels((on.face * row + low.y) * row + low.x, row, place - vec2<f32>(low));
+}
+
+// Luminance of a level, between texels' middles.
+fn sky_level(level: u32, on: CubePlace) -> f32 {
+    let head = bitcast<vec4<u32>>(kept[job.sky + level]);
+    let around = cube_texels(on, head.y);
+    let first = head.x + around.first;
+    let upper = mix(sky_number(first), sky_number(first + 1u), around.w.x);
+    let lower = mix(sky_number(first + around.row), sky_number(first + around.row + 1u), around.w.x);
+    return mix(upper, lower, around.w.y);
+}
 
 fn cube_place(direction: vec3<f32>) -> CubePlace {
     let size = abs(direction);
@@ -56,8 +66,8 @@ fn sky_at(direction: vec3<f32>, level: f32) -> f32 {
     let on = cube_place(direction);
     let last = job.sky_levels - 1u;
     let lower = min(u32(level), last);
-    let a = sky_level(lower, on.face, on.at);
-    let b = sky_level(min(lower + 1u, last), on.face, on.at);
+    let a = sky_level(lower, on);
+    let b = sky_level(min(lower + 1u, last), on);
     return mix(a, b, min(level - f32(lower), 1.0));
 }
 

@@ -70,7 +70,7 @@ impl Followers {
 
 impl Devices for Followers {
     fn texture_room(&self) -> usize {
-        self.gpu.device.limits().max_storage_buffer_binding_size as usize / 2
+        half_a_binding(&self.gpu) as usize
     }
 
     fn open(&self, textures: &Textures) -> Result<Box<dyn Device>, Error> {
@@ -247,18 +247,8 @@ impl Follower {
             numbers[class_of(pixel)].push(number);
         }
         let mut going_on = numbers.each_ref().map(|own| own.len() as u32);
-        let starts = [1, 2, 3].map(|class| going_on[..class].iter().sum::<u32>());
-        let batch = Batch {
-            pixels: count,
-            capacity,
-            row: columns,
-            jobs,
-            others: starts[0],
-            bent: starts[1],
-            mapped: starts[2],
-            light,
-            ..self.places
-        };
+        let lists = std::array::from_fn(|class| going_on[..class].iter().sum());
+        let batch = Batch { pixels: count, capacity, row: columns, jobs, light, lists, ..self.places };
         self.batch.write(device, queue, bytemuck::bytes_of(&batch));
         self.scratch.write(device, queue, bytemuck::cast_slice(&numbers.concat()));
         let mut passes = Vec::new();
@@ -329,6 +319,11 @@ fn event_bytes(count: u32) -> u64 {
     u64::from(HEAD_WORDS) * 4 + u64::from(count) * size_of::<Event>() as u64
 }
 
+/// Half of the bytes that a binding can hold.
+fn half_a_binding(gpu: &Gpu) -> u64 {
+    gpu.device.limits().max_storage_buffer_binding_size / 2
+}
+
 /// Whether a binding can hold a buffer that grows to so many bytes: it does so to powers of two, and is bound as a whole.
 fn fits(gpu: &Gpu, bytes: u64) -> bool {
     bytes.next_power_of_two() <= gpu.device.limits().max_storage_buffer_binding_size
@@ -355,7 +350,7 @@ fn refused(error: EngineError) -> Error {
 
 impl Device for Follower {
     fn room(&self) -> usize {
-        MOST_BYTES.min(self.gpu.device.limits().max_storage_buffer_binding_size / 2) as usize
+        MOST_BYTES.min(half_a_binding(&self.gpu)) as usize
     }
 
     fn follow(&mut self, block: &mut Block) -> Result<Vec<Event>, Error> {

@@ -330,20 +330,14 @@ pub struct Batch {
     pub jobs: u32,
     /// Row of textures at which sums of texels begin.
     pub sums: u32,
-    /// Where pixels that are neither plain nor behind a distorted lens are listed.
-    pub others: u32,
-    /// Where pixels behind a distorted lens are listed.
-    pub bent: u32,
     /// Word at which light that is wanted throughout a block begins.
     pub light: u32,
-    /// Where pixels that see facets with maps are listed.
-    pub mapped: u32,
     /// Row of textures at which texels of maps begin.
     pub texels: u32,
     /// Row of textures at which light from all around begins.
     pub around: u32,
-    /// Zero.
-    pub pad_0: u32,
+    /// Where the pixels of each class are listed.
+    pub lists: [u32; 4],
 }
 
 /// `Turn` in `decoupled/layout.wgsl`.

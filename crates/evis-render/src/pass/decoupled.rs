@@ -41,7 +41,5 @@ pub const PIXELS_BINDINGS: &[Binding] = &[
 
 /// The pass, for pixels of a class.
 pub fn pixels(device: &wgpu::Device, class: usize) -> ComputePass {
-    let constants = [("PLAIN", PLAIN), ("BENT", BENT), ("MAPPED", MAPPED)]
-        .map(|(name, own)| (name, f64::from(u8::from(class == own))));
-    ComputePass::new(device, "decoupled/pixels.wgsl", PIXELS_BINDINGS, &constants)
+    ComputePass::new(device, "decoupled/pixels.wgsl", PIXELS_BINDINGS, &[("CLASS", class as f64)])
 }

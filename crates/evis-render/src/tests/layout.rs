@@ -350,20 +350,7 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "decoupled/pixels.wgsl",
         "Batch",
-        uniforms::Batch {
-            pixels,
-            capacity,
-            row,
-            jobs,
-            sums,
-            others,
-            bent,
-            light,
-            mapped,
-            texels,
-            around,
-            pad_0
-        }
+        uniforms::Batch { pixels, capacity, row, jobs, sums, light, texels, around, lists }
     );
     same_layout!(
         "decoupled/pixels.wgsl",
@@ -646,6 +633,9 @@ fn constants_agree() {
         ("MOST_PLACES", texture::MOST),
         ("ROUNDS", decoupled::ROUNDS.into()),
         ("STATE_WORDS", decoupled::STATE_WORDS.into()),
+        ("PLAIN", decoupled::PLAIN as f64),
+        ("BENT", decoupled::BENT as f64),
+        ("MAPPED", decoupled::MAPPED as f64),
     ];
     for (name, value) in decoupled_constants {
         assert_eq!(constant("decoupled/pixels.wgsl", name), value, "{name}");

@@ -13,9 +13,9 @@ use crate::hash::Words;
 use crate::image::maps::Maps;
 use crate::image::texture::Use;
 use crate::packed::{self, Lamp, MOST_OWN, Wave, steady};
-use crate::shading::material::powers;
+use crate::shading::material::over_time;
 use crate::shading::moments::FacetAt;
-use crate::visibility::lists::{Record, rows_about};
+use crate::visibility::lists::{Record, powers, rows_about};
 
 /// A row of tiles in work.
 #[derive(Default)]
@@ -178,7 +178,7 @@ impl Lighting<'_> {
                 Some(Eye::Along(way)) => way,
                 None => DVec3::ZERO,
             };
-            points.extend(powers(at.each_ref().map(eye), f32::from(u8::from(is_parallel))));
+            points.extend(over_time(at.each_ref().map(eye), f32::from(u8::from(is_parallel))));
             for lamp in 0..at[0].lamps.len() {
                 let own = self.own.iter().position(|own| *own == lamp).map_or(0, |number| number as u32 + 1);
                 points.extend(material::Lamp::pack(at.each_ref().map(|of| &of.lamps[lamp]), own));
@@ -194,9 +194,9 @@ impl Lighting<'_> {
             let of = |get: fn(&FacetAt, usize) -> DVec3| at.each_ref().map(|at| get(at, corner));
             let sign = at[0].tangents[corner].1 as f32;
             for (kind, parts) in [
-                powers(of(|at, corner| at.corners[corner].0), 0.0),
-                powers(of(|at, corner| at.corners[corner].1), 0.0),
-                powers(of(|at, corner| at.tangents[corner].0), sign),
+                over_time(of(|at, corner| at.corners[corner].0), 0.0),
+                over_time(of(|at, corner| at.corners[corner].1), 0.0),
+                over_time(of(|at, corner| at.tangents[corner].0), sign),
             ]
             .into_iter()
             .enumerate()
@@ -262,8 +262,7 @@ impl Lighting<'_> {
         let (Some(sky), Some(environment)) = (&self.sky, &self.world.scene.environment) else { return };
         let turned = DMat3::from_rotation_y(-f64::from(environment.rotation));
         let about = DMat3::from_translation(glam::DVec2::from_array(centre));
-        let [a, b, c] = sky.world_from_screen.map(|m| turned * m * about);
-        let powers = [a, b * 4.0 - a * 3.0 - c, (a + c - b * 2.0) * 2.0];
+        let powers = powers(sky.world_from_screen.map(|m| turned * m * about));
         for (row, column) in job.seen.iter_mut().zip(powers.iter().flat_map(|m| m.to_cols_array_2d())) {
             *row = [column[0] as f32, column[1] as f32, column[2] as f32, 0.0];
         }
