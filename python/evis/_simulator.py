@@ -139,8 +139,8 @@ class Simulator:
     compute : {"cpu", "gpu"}, optional
         Where ``method="decoupled"`` evaluates pixels. ``cpu``, the default: on the processor's cores, in 64
         bits. ``gpu``: by compute passes on the device, in 32 bits; pixels that see more than 16 facets,
-        surfaces with other maps than base colour behind a distorted lens, and stages of sensors beyond two
-        thresholds stay on the processor. Not measured on a graphics card yet.
+        surfaces with other maps than base colour behind a distorted lens, and stages of sensors that take
+        frames stay on the processor. Not measured on a graphics card yet.
     shadow_map : int, optional
         Texels of a shadow map's edge, 64 to 16384. If not given, the power of two nearest to 12.8 times the
         longest edge of any of the scene's pictures, 1024 to 8192 (8192 for 640x480); but 4096 at most where

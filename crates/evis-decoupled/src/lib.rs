@@ -23,7 +23,7 @@ pub mod shading;
 pub mod signal;
 pub mod visibility;
 
-pub use run::device::{Device, Devices};
+pub use run::device::{Device, Devices, Stages, ViewSensor};
 pub use run::limits::{CrowdedTiles, crowded, crowded_tiles, unsupported};
 pub use run::settings::{Report, Settings};
 pub use run::simulate::{Outcome, luminance, luminance_of, simulate};

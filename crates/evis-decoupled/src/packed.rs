@@ -283,11 +283,45 @@ pub struct Block {
     pub kept_from: u32,
     /// All rows' pixels.
     pub pixels: Vec<Pixel>,
-    /// Light of those of which it is wanted, as [`Pixel::least`] says; zeros until the device has found it.
-    pub light: Vec<f32>,
+    /// Numbers of light that are wanted of them, as [`Pixel::least`] says.
+    pub light: usize,
+    /// That light stays on the device, where the stages of sensors take it.
+    pub light_stays: bool,
     /// Of each view.
     pub jobs: Vec<Job>,
 }
+
+/// What a device finds of a block, beside what becomes of its pixels.
+#[derive(Clone, Debug, Default)]
+pub struct Found {
+    /// Events of its pixels, those of one in firing order.
+    pub events: Vec<Event>,
+    /// Light that is wanted, unless it stays.
+    pub light: Vec<f32>,
+    /// Number of the first of light that stays.
+    pub light_at: u32,
+}
+
+/// Light of a view during a block, for the stages of its sensor on a device.
+#[derive(Clone, Debug, Default)]
+pub struct Seen {
+    /// Index of the view.
+    pub view: usize,
+    /// Start and end of the block, in microseconds of the stream.
+    pub span_us: [f64; 2],
+    /// Per pixel, row by row: number of its first light that stays, and of how many equal parts of the block it is known at the ends,
+    /// with [`LIGHT_JUMPS`] and [`LIGHT_RESTS`]. The first is that at the start; of no parts, light stays as it is.
+    pub pixels: Vec<[u32; 2]>,
+}
+
+/// [`Seen::pixels`]: light jumps to the first of it at the start.
+pub const LIGHT_JUMPS: u32 = 1 << 16;
+/// [`Seen::pixels`]: the pixel is left as it is.
+pub const LIGHT_RESTS: u32 = 1 << 17;
+/// [`Seen::pixels`]: the pixel sees its first light.
+pub const LIGHT_BEGINS: u32 = 1 << 18;
+/// [`Seen::pixels`]: how many parts.
+pub const LIGHT_PARTS: u32 = LIGHT_JUMPS - 1;
 
 impl Block {
     /// Adds a row of the last of its views, whose patches are kept at the rows `patches` and after them.
@@ -295,7 +329,7 @@ impl Block {
         let bases = self.words.len();
         let first = bases + BASE_WORDS;
         let job = self.jobs.len().saturating_sub(1);
-        let own: [usize; BASE_WORDS] = [self.entries.len(), first, self.points.len(), job, self.light.len()];
+        let own: [usize; BASE_WORDS] = [self.entries.len(), first, self.points.len(), job, self.light];
         self.words.extend(own.map(|at| at as u32));
         self.entries.extend_from_slice(&row.entries);
         self.words.extend_from_slice(&row.words);
@@ -307,12 +341,12 @@ impl Block {
         self.points.extend_from_slice(&row.points);
         let of = |pixel: &Pixel| Pixel { bases: bases as u32, ..*pixel };
         self.pixels.extend(row.pixels.iter().map(of));
-        self.light.resize(self.light.len() + row.light, 0.0);
+        self.light += row.light;
     }
 
     /// Bytes of each of its arrays, as [`Row::bytes`] has them.
     pub fn bytes(&self) -> [usize; 4] {
-        bytes_of((&self.entries, &self.words, &self.points), (&self.pixels, self.light.len()))
+        bytes_of((&self.entries, &self.words, &self.points), (&self.pixels, self.light))
     }
 }
 
@@ -369,6 +403,6 @@ mod tests {
         block.add_row(&row(&[8, 0, 0], 1), &[300]);
         assert_eq!(block.words, [0, 5, 0, 0, 0, 7, 200, 100, 9, 0, 14, 3, 1, 3, 8, 300, 300]);
         assert_eq!(block.pixels.iter().map(|pixel| pixel.bases).collect::<Vec<_>>(), [0, 0, 9, 9]);
-        assert_eq!(block.light.len(), 6);
+        assert_eq!(block.light, 6);
     }
 }

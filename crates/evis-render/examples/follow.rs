@@ -1,6 +1,6 @@
 //! Pixels of decoupled sampling followed by compute passes and by the processor: how alike, and at what cost.
 //!
-//! `cargo run --release -p evis-render --example follow -- SCENE WIDTHxHEIGHT SECONDS [DEVICE]`
+//! `cargo run --release -p evis-render --example follow -- SCENE WIDTHxHEIGHT SECONDS [SENSOR] [DEVICE]`
 //!
 //! The first run on a device includes the compilation of its pass by the driver, which keeps it on disk: run it twice.
 
@@ -8,9 +8,9 @@ use std::collections::HashMap;
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-use evis_core::Event;
+use evis_core::{Event, SensorConfig};
 use evis_decoupled::packed::{self, Block};
-use evis_decoupled::{Device, Devices, Error, Settings, simulate};
+use evis_decoupled::{Device, Devices, Error, Settings, Stages, ViewSensor, simulate};
 use evis_render::{Followers, Gpu};
 
 /// What blocks took on a device.
@@ -20,6 +20,8 @@ struct Taken {
     blocks: u64,
     pixels: u64,
     bytes: u64,
+    /// Beside these, of light that stays on the device.
+    light: u64,
 }
 
 /// Devices that are timed.
@@ -33,8 +35,8 @@ impl Devices for Timed {
         self.0.texture_room()
     }
 
-    fn open(&self, textures: &packed::Textures) -> Result<Box<dyn Device>, Error> {
-        Ok(Box::new(TimedDevice(self.0.open(textures)?, Arc::clone(&self.1))))
+    fn open(&self, textures: &packed::Textures, views: &[ViewSensor]) -> Result<Box<dyn Device>, Error> {
+        Ok(Box::new(TimedDevice(self.0.open(textures, views)?, Arc::clone(&self.1))))
     }
 }
 
@@ -43,9 +45,13 @@ impl Device for TimedDevice {
         self.0.room()
     }
 
-    fn follow(&mut self, block: &mut Block) -> Result<Vec<packed::Event>, Error> {
+    fn stages(&mut self) -> Option<&mut dyn Stages> {
+        self.0.stages()
+    }
+
+    fn follow(&mut self, block: &mut Block) -> Result<packed::Found, Error> {
         let started = Instant::now();
-        let events = self.0.follow(block)?;
+        let found = self.0.follow(block)?;
         let mut taken = self.1.lock().map_err(|_| Error::Device("a panic".into()))?;
         taken.wall += started.elapsed();
         taken.blocks += 1;
@@ -56,11 +62,12 @@ impl Device for TimedDevice {
             size_of_val(&block.points[..]),
             size_of_val(&block.kept[..]),
             2 * size_of_val(&block.pixels[..]),
-            size_of_val(&block.light[..]),
-            size_of_val(&events[..]),
+            size_of_val(&found.light[..]),
+            size_of_val(&found.events[..]),
         ];
         taken.bytes += sizes.into_iter().sum::<usize>() as u64;
-        Ok(events)
+        taken.light += if block.light_stays { 4 * block.light as u64 } else { 0 };
+        Ok(found)
     }
 }
 
@@ -75,15 +82,16 @@ fn by_pixel(events: &[Event]) -> HashMap<(u16, u16), Vec<(i64, bool)>> {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
-    let usage = "usage: follow SCENE WIDTHxHEIGHT SECONDS [DEVICE]";
+    let usage = "usage: follow SCENE WIDTHxHEIGHT SECONDS [SENSOR] [DEVICE]";
     let name = args.next().ok_or(usage)?;
     let size = args.next().ok_or(usage)?;
     let (w, h) = size.split_once('x').ok_or(usage)?;
     let size = Some((w.parse()?, h.parse()?));
     let duration_us = (args.next().ok_or(usage)?.parse::<f64>()? * 1e6).round() as i64;
+    let sensor = args.next().map_or(Ok(SensorConfig::default()), |name| SensorConfig::preset(&name))?;
     let gpu = Gpu::open(args.next().as_deref())?;
     let scene = evis_scene::source::load(&name, 0)?;
-    let usual = Settings { size, duration_us, ..Settings::default() };
+    let usual = Settings { size, duration_us, sensor, ..Settings::default() };
     let taken = Arc::new(Mutex::new(Taken::default()));
     let devices = Some(Arc::new(Timed(Followers::new(&gpu)?, Arc::clone(&taken))) as Arc<dyn Devices>);
     let run = |settings: &Settings| {
@@ -106,12 +114,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         q.on_device
     );
     println!(
-        "in {} blocks on the device {:.2} s of {other_s:.2} s ({threads} threads beside it), {:.0} pixels and {:.2} MB per block; {} \
-         pixels times blocks were left to the processor",
+        "in {} blocks on the device {:.2} s of {other_s:.2} s ({threads} threads beside it), {:.0} pixels and {:.2} MB per block, and {:.2} of \
+         light stay there; {} pixels times blocks were left to the processor",
         taken.blocks,
         taken.wall.as_secs_f64(),
         taken.pixels as f64 / taken.blocks.max(1) as f64,
         taken.bytes as f64 / taken.blocks.max(1) as f64 * 1e-6,
+        taken.light as f64 / taken.blocks.max(1) as f64 * 1e-6,
         q.refollowed
     );
     let (a, b) = (by_pixel(&own.events), by_pixel(&other.events));

@@ -202,8 +202,8 @@ pub(crate) struct RunArgs {
 
     /// Where decoupled sampling evaluates pixels [default: cpu]
     ///
-    /// gpu: by compute passes; tiles that they cannot show and stages of sensors stay on the processor. Not measured on a graphics
-    /// card yet.
+    /// gpu: by compute passes; tiles that they cannot show and stages of sensors that take frames stay on the processor. Not
+    /// measured on a graphics card yet.
     #[arg(long, value_parser = words::<Compute>(), value_name = "WHERE", help_heading = "Quality", hide_short_help = true)]
     pub(crate) compute: Option<Compute>,
 

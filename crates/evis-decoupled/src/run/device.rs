@@ -4,7 +4,9 @@ use std::collections::HashMap;
 use std::fmt::Debug;
 use std::sync::{Arc, Weak};
 
-use evis_core::{Event, Polarity};
+use evis_core::emulator::tiled::Losses;
+use evis_core::random::Key;
+use evis_core::{Event, Polarity, SensorConfig};
 use evis_scene::Scene;
 
 use crate::Error;
@@ -18,11 +20,11 @@ pub trait Devices: Debug + Send + Sync {
     /// Bytes that textures may take.
     fn texture_room(&self) -> usize;
 
-    /// A device with these textures, which keeps nothing yet.
+    /// A device with these textures for these `views`, which keeps nothing yet.
     ///
     /// # Errors
     /// It cannot be opened, or they do not fit.
-    fn open(&self, textures: &packed::Textures) -> Result<Box<dyn Device>, Error>;
+    fn open(&self, textures: &packed::Textures, views: &[ViewSensor]) -> Result<Box<dyn Device>, Error>;
 }
 
 /// What follows pixels through blocks as [`crate::signal::path::PixelPath::walk`] does, in 32 bits.
@@ -30,12 +32,53 @@ pub trait Device: Send {
     /// Bytes that arrays of a block may take, each, and all that is kept.
     fn room(&self) -> usize;
 
-    /// Follows the pixels of `block` and writes into it what became of them, and light where that is wanted. Returns their events:
-    /// those of one pixel in firing order; those of pixels that failed count for nothing.
+    /// Follows the pixels of `block` and writes into it what became of them. Returns their events, and light where that is wanted:
+    /// those of pixels that failed count for nothing.
     ///
     /// # Errors
     /// The device is lost.
-    fn follow(&mut self, block: &mut packed::Block) -> Result<Vec<packed::Event>, Error>;
+    fn follow(&mut self, block: &mut packed::Block) -> Result<packed::Found, Error>;
+
+    /// Stages of sensors, where it has any: then light of these views stays.
+    fn stages(&mut self) -> Option<&mut dyn Stages> {
+        None
+    }
+}
+
+/// Stages of sensors on a device, which take light that stays there.
+pub trait Stages {
+    /// Whether they are those of view `view`.
+    fn has(&self, view: usize) -> bool;
+
+    /// How many numbers of light stay since [`Stages::sense`]: the number of the next one.
+    fn light_count(&self) -> u32;
+
+    /// Lets the pixels of one of these views begin with their first `light`, row by row, at a time of the stream in microseconds; all
+    /// that is random in them follows from the sensor and key given here.
+    ///
+    /// # Errors
+    /// The device is lost, and a sensor with other stages than the view had.
+    fn begin(&mut self, view: usize, own: &ViewSensor, t_us: i64, light: &[f32]) -> Result<(), Error>;
+
+    /// Takes `more` light, which follows that which stays, and gives sensors what `views` have seen of it, after which none stays.
+    /// Returns what fires, view by view, by pixel and in firing order, marked with causes and in stream time; and what sensors lost.
+    ///
+    /// # Errors
+    /// The device is lost.
+    fn sense(&mut self, views: &[packed::Seen], more: &[f32]) -> Result<(Vec<Vec<Event>>, Losses), Error>;
+}
+
+/// What a view's pixels are.
+#[derive(Clone, Debug)]
+pub struct ViewSensor {
+    /// The sensor.
+    pub sensor: SensorConfig,
+    /// Of all that is random in it.
+    pub key: Key,
+    /// Width and height in pixels.
+    pub size: [u32; 2],
+    /// `Y_ref`.
+    pub reference_luminance: f32,
 }
 
 /// A device, and what it keeps.
@@ -58,6 +101,8 @@ pub(crate) struct Loaded {
 pub(crate) struct Packs {
     /// Facets with other maps than one of base colour.
     pub maps: bool,
+    /// Light stays on the device, which has the sensor's stages.
+    pub stays: bool,
 }
 
 /// A row of tiles of a view.
@@ -71,6 +116,8 @@ pub(crate) struct ViewRow<'r> {
     pub looks: &'r Kept,
     /// What the row needs.
     pub row: &'r packed::Row,
+    /// Its light stays on the device.
+    pub stays: bool,
 }
 
 /// What became of the pixels of some rows.
@@ -79,10 +126,8 @@ pub(crate) struct Followed {
     pub rows: usize,
     /// Row by row.
     pub pixels: Vec<packed::Pixel>,
-    /// Row by row, see [`packed::Block::light`].
-    pub light: Vec<f32>,
-    /// In the order of pixels.
-    pub events: Vec<packed::Event>,
+    /// In the order of pixels; light row by row.
+    pub found: packed::Found,
 }
 
 impl Loaded {
@@ -92,19 +137,24 @@ impl Loaded {
     /// As [`Devices::open`].
     pub(crate) fn open(
         devices: Option<&Arc<dyn Devices>>,
-        scene: &Scene,
-        shared: &Shared,
+        (scene, shared): (&Scene, &Shared),
+        views: &[ViewSensor],
     ) -> Result<Option<Self>, Error> {
         let Some(devices) = devices else { return Ok(None) };
         let (textures, has_maps) = shared.pack(scene, devices.texture_room());
-        let device = devices.open(&textures)?;
+        let device = devices.open(&textures, views)?;
         let (kept, looks) = (HashMap::default(), Vec::new());
         Ok(Some(Self { device, has_maps, kept, rows: 0, sky: pack_sky(scene), looks }))
     }
 
-    /// What may be packed for it.
-    pub(crate) fn packs(&self) -> Packs {
-        Packs { maps: self.has_maps }
+    /// What may be packed for it of view `view`.
+    pub(crate) fn packs(&mut self, view: usize) -> Packs {
+        Packs { maps: self.has_maps, stays: self.device.stages().is_some_and(|stages| stages.has(view)) }
+    }
+
+    /// See [`Device::stages`].
+    pub(crate) fn stages(&mut self) -> Option<&mut dyn Stages> {
+        self.device.stages()
     }
 
     /// Appearances of the facets of `lighting`, those of another view where they are the same.
@@ -127,21 +177,23 @@ impl Loaded {
     /// As [`Device::follow`].
     pub(crate) fn follow(&mut self, rows: &[ViewRow]) -> Result<Followed, Error> {
         let (mut block, count) = self.gather(rows);
-        let mut events = Vec::new();
+        let mut found = packed::Found::default();
         if !block.pixels.is_empty() {
-            events = self.device.follow(&mut block)?;
+            found = self.device.follow(&mut block)?;
             // Stable: those of one pixel are in firing order.
-            events.sort_by_key(|event| event.pixel);
+            found.events.sort_by_key(|event| event.pixel);
         }
-        Ok(Followed { rows: count, pixels: block.pixels, light: block.light, events })
+        Ok(Followed { rows: count, pixels: block.pixels, found })
     }
 
     /// As many of `rows` as fit, one at least, side by side.
     fn gather(&mut self, rows: &[ViewRow]) -> (packed::Block, usize) {
         let room = self.device.room();
-        let mut block = packed::Block { kept_from: self.rows as u32, ..packed::Block::default() };
+        let light_stays = rows.first().is_some_and(|own| own.stays);
+        let mut block =
+            packed::Block { kept_from: self.rows as u32, light_stays, ..packed::Block::default() };
         let (mut count, mut view) = (0, None);
-        for own in rows {
+        for own in rows.iter().take_while(|own| own.stays == light_stays) {
             let new = self.missing(own) * size_of::<[f32; 4]>();
             let sums = block.bytes().into_iter().zip(own.row.bytes()).map(|(all, row)| all + row);
             let fits = sums.max().is_some_and(|most| most <= room);

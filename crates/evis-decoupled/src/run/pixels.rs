@@ -10,8 +10,8 @@ use evis_core::emulator::tiled::TiledSensor;
 use rayon::prelude::*;
 
 use crate::Error;
-use crate::packed::Kept;
-use crate::run::device::{Followed, Loaded, Packs, ViewRow};
+use crate::packed::{self, Kept};
+use crate::run::device::{Followed, Loaded, Packs, Stages, ViewRow, ViewSensor};
 use crate::run::frames::{FrameSensor, Taken};
 use crate::run::row::{Following, Row};
 use crate::run::sensing::Sensing;
@@ -25,8 +25,17 @@ use crate::signal::pixel::{Evaluator, Work};
 use crate::visibility::blocks::{Block, Clock};
 use crate::visibility::lists::Lists;
 
+/// Numbers of light that may stay on a device before its stages take them.
+const MOST_LIGHT: u32 = 32 << 20;
+
 /// The pixels of one view: what they remember from block to block.
 pub(crate) struct Pixels {
+    /// Index of the view, and what it is.
+    view: usize,
+    own: ViewSensor,
+    /// They have begun on the device that has the sensor's stages, and what these have fired.
+    begun: bool,
+    fired: Vec<Event>,
     rows: Vec<Row>,
     /// Per thread of the pool, and one for whoever is none of them.
     rooms: Vec<Mutex<Work>>,
@@ -70,16 +79,21 @@ struct Entered<'t> {
 /// A camera without a pose, light that is no number, and a device that fails.
 pub(crate) fn follow(
     mut turns: Vec<Turn>,
-    device: Option<&mut Loaded>,
+    mut device: Option<&mut Loaded>,
     stop: &AtomicBool,
 ) -> Result<Option<Vec<Vec<Event>>>, Error> {
     let lists: Vec<Lists> = turns.par_iter_mut().map(Turn::prepare).collect::<Result<_, _>>()?;
     let mut entered: Vec<Entered> =
         turns.into_iter().zip(&lists).map(|(turn, lists)| turn.enter(lists)).collect();
-    let packs = device.as_ref().map(|device| device.packs());
-    entered.par_iter_mut().with_max_len(1).for_each(|own| own.follow(packs, stop));
+    // A view may have got another sensor since.
+    let mut packs = |own: &Entered| {
+        let packs = device.as_mut()?.packs(own.pixels.view);
+        Some(Packs { stays: packs.stays && own.pixels.following.sensing.is_some(), ..packs })
+    };
+    let packs: Vec<Option<Packs>> = entered.iter().map(&mut packs).collect();
+    entered.par_iter_mut().zip(&packs).with_max_len(1).for_each(|(own, packs)| own.follow(*packs, stop));
     if let Some(device) = device {
-        follow_on(device, &mut entered, stop)?;
+        follow_on(device, (&mut entered, &packs), stop)?;
         entered.par_iter_mut().with_max_len(1).for_each(|own| own.follow_failed(stop));
     }
     if stop.load(Ordering::Relaxed) {
@@ -89,7 +103,16 @@ pub(crate) fn follow(
 }
 
 /// Leaves the pixels that views have packed to `device`.
-fn follow_on(device: &mut Loaded, entered: &mut [Entered], stop: &AtomicBool) -> Result<(), Error> {
+fn follow_on(
+    device: &mut Loaded,
+    (entered, packs): (&mut [Entered], &[Option<Packs>]),
+    stop: &AtomicBool,
+) -> Result<(), Error> {
+    let stays: Vec<bool> = packs.iter().map(|packs| packs.is_some_and(|packs| packs.stays)).collect();
+    if let Some(stages) = device.stages() {
+        let own = entered.iter_mut().zip(&stays).filter(|(_, stays)| **stays);
+        own.map(|(own, _)| own.begin(stages)).collect::<Result<(), Error>>()?;
+    }
     let has_pixels = |row: &Row| !row.packed().pixels.is_empty();
     // Rows by view, row and job: a view in which nothing moves has none.
     let mut places = Vec::new();
@@ -110,21 +133,49 @@ fn follow_on(device: &mut Loaded, entered: &mut [Entered], stop: &AtomicBool) ->
     while !places.is_empty() && !stop.load(Ordering::Relaxed) {
         let of = |&(view, row, job): &(usize, usize, usize)| {
             let ((job, looks), row) = (&jobs[job], entered[view].pixels.rows[row].packed());
-            ViewRow { view, job, looks, row }
+            ViewRow { view, job, looks, row, stays: stays[view] }
         };
         let rows: Vec<ViewRow> = places.iter().map(of).collect();
-        let Followed { rows, pixels, light, events } = device.follow(&rows)?;
+        let Followed { rows, pixels, found } = device.follow(&rows)?;
+        let packed::Found { events, light, mut light_at } = found;
         let (mut pixels, mut light, mut first) = (&pixels[..], &light[..], 0);
         for &(view, row, _) in places.split_off(..rows).unwrap_or_default() {
             let Entered { pixels: Pixels { rows, following, .. }, evaluator, .. } = &mut entered[view];
             let packed = rows[row].packed();
             let own = pixels.split_off(..packed.pixels.len()).unwrap_or_default();
-            let light = light.split_off(..packed.light).unwrap_or_default();
-            rows[row].take(evaluator, following, (first, own), (&events, light), row);
+            let count = packed.light;
+            let own_light = light.split_off(..count).unwrap_or_default();
+            let at = stays[view].then_some(light_at);
+            rows[row].take(evaluator, following, (first, own), (&events, own_light, at), row);
             first += own.len();
+            light_at += count as u32;
         }
         // Before the next rows: light is long.
         entered.par_iter_mut().with_max_len(1).for_each(|own| own.sense(stop));
+        if let Some(stages) = device.stages().filter(|stages| stages.light_count() > MOST_LIGHT) {
+            take_stages(stages, (entered, &stays))?;
+        }
+    }
+    if let Some(stages) = device.stages().filter(|_| !stop.load(Ordering::Relaxed) && stays.contains(&true)) {
+        take_stages(stages, (entered, &stays))?;
+    }
+    Ok(())
+}
+
+/// Lets `stages` take the light of rows that have been followed since it was called last.
+fn take_stages(stages: &mut dyn Stages, (entered, stays): (&mut [Entered], &[bool])) -> Result<(), Error> {
+    let first = stages.light_count();
+    let mut more = Vec::new();
+    let staged = || stays.iter().enumerate().filter(|(_, stays)| **stays).map(|(view, _)| view);
+    let seen: Vec<packed::Seen> = staged().map(|view| entered[view].seen(first, &mut more)).collect();
+    let (events, losses) = stages.sense(&seen, &more)?;
+    for (number, (view, mut events)) in staged().zip(events).enumerate() {
+        let pixels = &mut entered[view].pixels;
+        pixels.fired.append(&mut events);
+        // What is lost is counted for all views together.
+        if number == 0 {
+            pixels.report.losses.add(losses);
+        }
     }
     Ok(())
 }
@@ -160,6 +211,35 @@ impl Entered<'_> {
         });
     }
 
+    /// Lets the pixels of a view that `stages` are of begin, where they have not: rows know their first light.
+    fn begin(&mut self, stages: &mut dyn Stages) -> Result<(), Error> {
+        let Self { pixels, evaluator, .. } = self;
+        if std::mem::replace(&mut pixels.begun, true) {
+            return Ok(());
+        }
+        let light = |light: f64| if light.is_nan() { 0.0 } else { light as f32 };
+        let tiles: Vec<_> = pixels.rows.iter().map(Row::first_light).collect();
+        let of = |row: usize, slot: usize| light(tiles[row][slot / PIXELS][slot % PIXELS]);
+        let picture = of_tiles(pixels.own.size, of);
+        let t_us = evaluator.block.start_us.round() as i64 - pixels.following.start_us;
+        stages.begin(pixels.view, &pixels.own, t_us, &picture)
+    }
+
+    /// What its pixels have seen of the block, as far as that is known and was not taken; light that was found here is appended to
+    /// `more`, which will lie from number `first` on.
+    fn seen(&mut self, first: u32, more: &mut Vec<f32>) -> packed::Seen {
+        let Self { pixels, evaluator, .. } = self;
+        let block = evaluator.block;
+        let tiles: Vec<_> = pixels.rows.iter_mut().map(|row| row.staged(first, more)).collect();
+        let resting = [0, packed::LIGHT_RESTS];
+        let of = |row: usize, slot: usize| tiles[row].as_ref().map_or(resting, |row: &Vec<_>| row[slot]);
+        packed::Seen {
+            view: pixels.view,
+            span_us: [block.start_us, block.end_us].map(|t_us| t_us - pixels.following.start_us as f64),
+            pixels: of_tiles(pixels.own.size, of),
+        }
+    }
+
     /// Gives sensors the light that a device has found.
     fn sense(&mut self, stop: &AtomicBool) {
         let Self { pixels, evaluator, taken } = self;
@@ -180,14 +260,15 @@ impl Entered<'_> {
 
     /// What has left the sensor.
     fn leave(&mut self) -> Result<Vec<Event>, Error> {
-        let Pixels { rows, following, queue, frames, report, .. } = &mut *self.pixels;
+        let Pixels { rows, fired, following, queue, frames, report, .. } = &mut *self.pixels;
         if let (Some(frames), Some(taken)) = (frames, &self.taken) {
             let rows: Vec<_> = rows.iter().map(|row| (&row.samples[..], &row.columns[..])).collect();
             let mut events = Vec::new();
             report.losses.add(frames.take(taken, &rows, &mut events)?);
             return Ok(events);
         }
-        let mut events = Vec::with_capacity(rows.iter().map(|row| row.events.len()).sum());
+        let mut events = std::mem::take(fired);
+        events.reserve(rows.iter().map(|row| row.events.len()).sum());
         rows.iter_mut().for_each(|row| events.append(&mut row.events));
         // Stable: events of one pixel at one microsecond keep their firing order.
         events.sort_by_key(Event::order);
@@ -199,6 +280,13 @@ impl Entered<'_> {
         }
         Ok(events)
     }
+}
+
+/// What tiles have of their pixels, `of` the row of tiles and the number of the pixel in it, row of pixels by row of pixels.
+fn of_tiles<T>([width, height]: [u32; 2], of: impl Fn(usize, usize) -> T) -> Vec<T> {
+    let [width, height] = [width, height].map(|v| v as usize);
+    let slot = |x: usize, y: usize| x / TILE * PIXELS + y % TILE * TILE + x % TILE;
+    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| of(y / TILE, slot(x, y))).collect()
 }
 
 /// Calls `follow` for each of `rows`, with the room of the thread that does, until `stop` is set.
@@ -223,7 +311,7 @@ impl Pixels {
     /// # Errors
     /// A sensor that cannot be used.
     pub(crate) fn new(
-        world: &World,
+        (world, view): (&World, usize),
         settings: &Settings,
         reference_luminance: f64,
         only: &[bool],
@@ -247,6 +335,15 @@ impl Pixels {
         }
         let new_row = |_| Row::new(columns, ideal, sensing.is_some());
         Ok(Self {
+            view,
+            own: ViewSensor {
+                sensor: sensor.clone(),
+                key: *key,
+                size: [world.lens.width, world.lens.height],
+                reference_luminance: reference_luminance as f32,
+            },
+            begun: false,
+            fired: Vec::new(),
             rows: (0..rows).map(new_row).collect(),
             rooms: (0..=rayon::current_num_threads()).map(|_| Mutex::default()).collect(),
             queue: sensing.as_ref().map(|sensing| sensing.sensor.queue()),
@@ -291,6 +388,11 @@ impl Pixels {
     /// ended.
     pub(crate) fn complete_us(&self) -> Option<i64> {
         self.frames.as_ref().map(FrameSensor::complete_us)
+    }
+
+    /// What it is.
+    pub(crate) fn own(&self) -> &ViewSensor {
+        &self.own
     }
 
     /// What it took so far.

@@ -13,6 +13,7 @@ use crate::run::sensing::Sensing;
 use crate::run::settings::Report;
 use crate::scene::tiles::{PIXELS, TILE};
 use crate::scene::world::World;
+use crate::shading::light::bits;
 use crate::shading::light::packed::RowPacker;
 use crate::signal::events::Thresholds;
 use crate::signal::knots::{Knots, TileLuminance, TileSignal};
@@ -42,6 +43,8 @@ pub(crate) struct Row {
     /// Of sensors that take light throughout the block: tiles of which a device finds it, and what it has found.
     sampled: Vec<Sampled>,
     light: Vec<f32>,
+    /// Of stages on a device: what its pixels have seen of the block in work.
+    staged: Staged,
 }
 
 /// A tile of which a device finds the light.
@@ -50,6 +53,51 @@ struct Sampled {
     knots: Knots,
     /// Which of the row's pixels are its own.
     pixels: Range<usize>,
+    /// Its pixels begin with this block.
+    begins: bool,
+}
+
+/// Light of a row's pixels for stages on a device.
+#[derive(Default)]
+struct Staged {
+    /// Tile by tile, see [`packed::Seen::pixels`]; of those in `own`, first numbers count from where that will lie.
+    pixels: Vec<[u32; 2]>,
+    own: Vec<bool>,
+    /// What was found here.
+    light: Vec<f32>,
+    /// First light of tiles that begin and have gone on since.
+    begun: Vec<(usize, TileLuminance)>,
+    /// The device's number of the row's first light, once that is known.
+    at: Option<u32>,
+    /// All of it is there, and the stages have not taken it.
+    ready: bool,
+}
+
+impl Staged {
+    /// Nothing has changed, and nothing is known.
+    fn clear(&mut self, columns: usize) {
+        self.pixels.clear();
+        self.pixels.resize(columns * PIXELS, [0, packed::LIGHT_RESTS]);
+        self.own.clear();
+        self.own.resize(columns * PIXELS, false);
+        self.light.clear();
+        self.begun.clear();
+        (self.at, self.ready) = (None, false);
+    }
+
+    /// Pixel `slot` sees light on the device from number `first` on.
+    fn refer(&mut self, slot: usize, first: u32, (parts, jumps): (usize, bool)) {
+        let flags = if jumps { packed::LIGHT_JUMPS } else { 0 };
+        self.pixels[slot] = [first, parts as u32 | flags];
+    }
+
+    /// Pixel `slot` sees the `signal` of its tile.
+    fn put(&mut self, slot: usize, signal: &TileSignal, jumps: bool) {
+        self.refer(slot, self.light.len() as u32, (signal.parts.len(), jumps));
+        self.own[slot] = true;
+        let all = std::iter::once(&signal.first).chain(&signal.parts);
+        self.light.extend(all.map(|light| light[slot % PIXELS] as f32));
+    }
 }
 
 /// How pixels are followed.
@@ -95,6 +143,11 @@ fn changing(block: Block, activities: &[Option<PixelActivity>; PIXELS]) -> u64 {
     pixels.fold(0, |pixels, (pixel, _)| pixels | 1 << pixel)
 }
 
+/// Whether light jumps at the start of `block` for pixels that may begin with it.
+fn jumps_of(block: Block, begins: bool) -> bool {
+    block.jump && !begins
+}
+
 /// The middle of the picture without distortion.
 fn centre_of(world: &World) -> [f64; 2] {
     [world.lens.width, world.lens.height].map(|v| 0.5 * f64::from(v))
@@ -122,6 +175,7 @@ impl Row {
             failed: vec![0; columns],
             sampled: Vec::new(),
             light: Vec::new(),
+            staged: Staged::default(),
         }
     }
 
@@ -142,6 +196,9 @@ impl Row {
             self.packer.begin(centre_of(evaluator.world), times_s, packs.maps);
         }
         let columns = evaluator.lists.columns;
+        if packs.is_some_and(|packs| packs.stays) {
+            self.staged.clear(columns);
+        }
         let only = following.only.get(row * columns..(row + 1) * columns).unwrap_or_default();
         if !only.is_empty() && !only.contains(&true) {
             return;
@@ -152,8 +209,9 @@ impl Row {
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| wanted(*column)) {
-            self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs.is_some()));
+            self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs));
         }
+        self.staged.ready = self.packer.row.pixels.is_empty();
         self.report.pixels_s += started.elapsed().as_secs_f64();
     }
 
@@ -163,19 +221,20 @@ impl Row {
     }
 
     /// Takes what a device made of the `pixels` of this row, number `row`, from number `first` of the block on, of all that
-    /// `fired`, pixel by pixel, and of the row's `light`, which it keeps for [`Row::sense`].
+    /// `fired`, pixel by pixel, and of the row's `light`, which it keeps for [`Row::sense`], or of which it knows where that `stays`.
     pub fn take(
         &mut self,
         evaluator: &Evaluator,
         following: &Following,
         (first, pixels): (usize, &[packed::Pixel]),
-        (fired, light): (&[packed::Event], &[f32]),
+        (fired, light, stays): (&[packed::Event], &[f32], Option<u32>),
         row: usize,
     ) {
         let block = evaluator.block;
         let start_us = block.start_us.floor() as i64 - following.start_us;
         self.light.clear();
         self.light.extend_from_slice(light);
+        self.staged.at = stays;
         let mut fired = &fired[fired.partition_point(|event| (event.pixel as usize) < first)..];
         for ((index, pixel), &slot) in (first..).zip(pixels).zip(&self.slots) {
             let own = fired.iter().take_while(|event| event.pixel as usize == index).count();
@@ -189,13 +248,19 @@ impl Row {
             self.events.extend(own.iter().map(|event| event_at(*event, start_us, place)));
             self.report.evaluations += u64::from(pixel.evaluations);
             self.report.on_device += u64::from(pixel.evaluations);
+            if stays.is_some()
+                && let Some(Some(light)) = self.lights.get_mut(column)
+            {
+                light[number] = f64::from(pixel.last);
+            }
             if let Some(Some(path)) = self.paths.get_mut(slot) {
                 path.unpack(block, pixel);
             }
         }
     }
 
-    /// Gives sensors the light of the tiles of which a device has found it: what it could not find is found here.
+    /// Gives sensors the light of the tiles of which a device has found it, or says where that stays: what it could not find is
+    /// found here.
     pub fn sense(
         &mut self,
         work: &mut Work,
@@ -203,7 +268,8 @@ impl Row {
         (following, taken): (&Following, Option<&Taken>),
         row: usize,
     ) {
-        if self.light.is_empty() {
+        let stays = self.staged.at.take();
+        if self.light.is_empty() && stays.is_none() {
             return;
         }
         let mut failed = std::mem::take(&mut self.failed);
@@ -212,15 +278,25 @@ impl Row {
         let lists =
             if incomplete { evaluator.lists.row_where(evaluator.world, row, missing) } else { Vec::new() };
         let (light, sampled) = (std::mem::take(&mut self.light), std::mem::take(&mut self.sampled));
-        for Sampled { column, knots, pixels } in &sampled {
+        for Sampled { column, knots, pixels, begins } in &sampled {
             let (column, missing) = (*column, failed[*column]);
             let Some(before) = self.lights[column] else { continue };
+            let found =
+                self.packer.row.pixels[pixels.clone()].iter().filter(|p| missing >> p.number & 1 == 0);
+            let parts_of = |pixel: &packed::Pixel| if pixel.stride > 0 { knots.times() } else { 0 };
+            if let Some(first) = stays {
+                for pixel in found.clone() {
+                    let slot = column * PIXELS + pixel.number as usize;
+                    let of = (parts_of(pixel), jumps_of(evaluator.block, *begins));
+                    self.staged.refer(slot, first + pixel.least, of);
+                }
+                if missing == 0 {
+                    continue;
+                }
+            }
             let mut signal = TileSignal::still(before, *knots);
-            for pixel in
-                self.packer.row.pixels[pixels.clone()].iter().filter(|p| missing >> p.number & 1 == 0)
-            {
-                let count = if pixel.stride > 0 { 1 + knots.times() } else { 1 };
-                let light = &light[pixel.least as usize..][..count];
+            for pixel in found.filter(|_| stays.is_none()) {
+                let light = &light[pixel.least as usize..][..1 + parts_of(pixel)];
                 signal.take(pixel.number as usize, light, evaluator.block.jump);
             }
             if missing != 0 {
@@ -235,12 +311,47 @@ impl Row {
                 let jumps = evaluator.block.jump;
                 signal.follow((missing, jumps), (evaluator, work), (entries, &activities), accuracy);
             }
-            self.sense_tile(evaluator.block, (following, taken), &signal, [column, row]);
+            if stays.is_some() {
+                self.keep(&signal, (column, missing), jumps_of(evaluator.block, *begins));
+            } else {
+                self.sense_tile(evaluator.block, (following, taken), &signal, [column, row]);
+            }
         }
+        self.staged.ready = stays.is_some();
         failed.fill(0);
         (self.failed, self.light, self.sampled) = (failed, light, sampled);
         self.light.clear();
         self.sampled.clear();
+    }
+
+    /// Keeps the `pixels` of a tile's light for stages on a device.
+    fn keep(&mut self, signal: &TileSignal, (column, pixels): (usize, u64), jumps: bool) {
+        self.report.evaluations += signal.evaluations;
+        for pixel in bits(pixels) {
+            self.staged.put(column * PIXELS + pixel, signal, jumps);
+            if let Some(light) = &mut self.lights[column] {
+                light[pixel] = signal.last()[pixel];
+            }
+        }
+    }
+
+    /// First light of the row's pixels, tile by tile, in the block with which they begin; NaN of those that see nothing.
+    pub fn first_light(&self) -> Vec<TileLuminance> {
+        let mut all: Vec<_> = self.lights.iter().map(|light| light.unwrap_or([f64::NAN; PIXELS])).collect();
+        self.staged.begun.iter().for_each(|(column, light)| all[*column] = *light);
+        all
+    }
+
+    /// What the stages of a device take of pixel after pixel, tile by tile, now; light that was found here follows what is in `more`,
+    /// which lies from number `first` on.
+    pub fn staged(&mut self, first: u32, more: &mut Vec<f32>) -> Option<Vec<[u32; 2]>> {
+        if !std::mem::take(&mut self.staged.ready) {
+            return None;
+        }
+        let own = first + more.len() as u32;
+        more.append(&mut self.staged.light);
+        let of = |([at, word], is_own): (&[u32; 2], &bool)| [at + if *is_own { own } else { 0 }, *word];
+        Some(self.staged.pixels.iter().zip(&self.staged.own).map(of).collect())
     }
 
     /// Gives the sensor the light of a tile.
@@ -278,7 +389,7 @@ impl Row {
         let tiles = evaluator.lists.row_where(evaluator.world, row, |column| failed[column] != 0);
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| failed[*column] != 0) {
             self.report.refollowed += u64::from(failed[column].count_ones());
-            let place = ([column, row], Some(failed[column]), false);
+            let place = ([column, row], Some(failed[column]), None);
             self.tile(work, evaluator, (following, None), tile, place);
         }
         self.failed = vec![0; failed.len()];
@@ -290,7 +401,7 @@ impl Row {
         evaluator: &Evaluator,
         (following, taken): (&Following, Option<&Taken>),
         list: &TileList,
-        ([column, row], only, packs): ([usize; 2], Option<u64>, bool),
+        ([column, row], only, packs): ([usize; 2], Option<u64>, Option<Packs>),
     ) {
         let entries = &list.entries[..];
         let Following { thresholds, step_px, start_us, .. } = following;
@@ -319,15 +430,28 @@ impl Row {
                 self.report.evaluations += evaluations;
                 first
             });
+            let stays = packs.is_some_and(|packs| packs.stays);
+            if stays {
+                let seen = (0..PIXELS).filter(|pixel| activities[*pixel].is_some());
+                seen.for_each(|pixel| self.staged.refer(column * PIXELS + pixel, 0, (0, false)));
+            }
             let of_tile = (&activities, &before, column);
-            if packs && self.pack_light(work, evaluator, following, entries, of_tile) {
+            if packs.is_some() && self.pack_light(work, evaluator, following, entries, (of_tile, begins)) {
                 return;
             }
             let knots = Knots::new(block, *step_px, &activities);
             let mut signal = TileSignal::still(before, knots);
             let (with, accuracy) = ((evaluator, work), (knots, thresholds.floor()));
-            signal.follow((u64::MAX, block.jump && !begins), with, (entries, &activities), accuracy);
-            self.sense_tile(block, (following, taken), &signal, [column, row]);
+            let pixels = if stays { changing(block, &activities) } else { u64::MAX };
+            signal.follow((pixels, jumps_of(block, begins)), with, (entries, &activities), accuracy);
+            if stays {
+                if begins {
+                    self.staged.begun.push((column, before));
+                }
+                self.keep(&signal, (column, pixels), jumps_of(block, begins));
+            } else {
+                self.sense_tile(block, (following, taken), &signal, [column, row]);
+            }
             return;
         }
         let mut resting = 0_u64;
@@ -347,7 +471,7 @@ impl Row {
             evaluator.expect(work, pixel, stride(block, *step_px, activity));
         }
         let follows = only & !resting;
-        if packs && self.pack(work, evaluator, following, entries, (&activities, follows, column)) {
+        if packs.is_some() && self.pack(work, evaluator, following, entries, (&activities, follows, column)) {
             return;
         }
         for (pixel, activity) in activities.iter().enumerate().filter(|(pixel, _)| follows >> pixel & 1 == 1)
@@ -407,7 +531,10 @@ impl Row {
         evaluator: &Evaluator,
         following: &Following,
         entries: &[Entry],
-        (activities, before, column): (&[Option<PixelActivity>; PIXELS], &TileLuminance, usize),
+        ((activities, before, column), begins): (
+            (&[Option<PixelActivity>; PIXELS], &TileLuminance, usize),
+            bool,
+        ),
     ) -> bool {
         let block = evaluator.block;
         let pixels = changing(block, activities);
@@ -428,7 +555,7 @@ impl Row {
             row.pixels.push(packed);
             self.slots.push(column * PIXELS + pixel);
         }
-        self.sampled.push(Sampled { column, knots, pixels: first..row.pixels.len() });
+        self.sampled.push(Sampled { column, knots, pixels: first..row.pixels.len(), begins });
         true
     }
 }

@@ -47,8 +47,9 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     };
     let measured = || seen.as_deref().map_or(1.0, reference_luminance);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
-    let mut pixels = Pixels::new(&world, settings, reference, &[])?;
-    let mut device = Loaded::open(settings.devices.as_ref(), scene, &shared)?;
+    let mut pixels = Pixels::new((&world, 0), settings, reference, &[])?;
+    let views = [pixels.own().clone()];
+    let mut device = Loaded::open(settings.devices.as_ref(), (scene, &shared), &views)?;
     if let Some(seen) = &seen {
         pixels.begin(&world, seen, first.start_us);
     }

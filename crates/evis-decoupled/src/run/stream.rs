@@ -313,14 +313,15 @@ fn follow(
     let mut views = views.to_vec();
     let new_pixels = |views: &[View], view: usize| {
         let only = settings.only.get(view).map_or(&[][..], Vec::as_slice);
-        Pixels::new(&worlds[view], &settings.of(views, view), f64::from(reference), only)
+        Pixels::new((&worlds[view], view), &settings.of(views, view), f64::from(reference), only)
     };
     let new = |view: usize| new_pixels(&views, view);
     let mut all_pixels: Vec<Pixels> = (0..views.len()).map(new).collect::<Result<_, _>>()?;
     if let Some((picture, t_us)) = seen.filter(|_| scene.host_poses.is_none()) {
         all_pixels[0].begin(&worlds[0], &picture, t_us);
     }
-    let mut device = Loaded::open(settings.devices.as_ref(), scene, &shared)?;
+    let own: Vec<_> = all_pixels.iter().map(|pixels| pixels.own().clone()).collect();
+    let mut device = Loaded::open(settings.devices.as_ref(), (scene, &shared), &own)?;
     // Nobody waits for it: then the wanted times end, too.
     let _ = ready.send(Ok(reference));
 

@@ -21,6 +21,8 @@ override LATCH: bool = false;
 // 0 crossing, 1 sample, 2 even, 3 shared: an instant's times depend on the busiest pixel's events.
 override TIMES: u32 = 0;
 override LIGHT_LATENCY: bool = false;
+// Light is known at times of each pixel's own, see chain/own_times.wgsl.
+override OWN_TIMES: bool = false;
 // Whether shared times decide what happens next.
 override SEQUENTIAL: bool = false;
 // Events of a pixel that counting keeps for emitting; 0 where their times are not known yet.
@@ -67,8 +69,8 @@ struct ChainSensor {
 };
 
 // Words of a view: thresholds, slope of the leak, 1 / Y_ref, key, 2 pi cutoff per microsecond, refractory period in
-// microseconds.
-const VIEW_WORDS: u32 = 8u;
+// microseconds; then its block, where pixels have times of their own.
+const VIEW_WORDS: u32 = 12u;
 // Words of a candidate in `feed`: time; place, kind and rest in units of 16 us; light below which it happens.
 const CANDIDATE_WORDS: u32 = 3u;
 // A threshold beyond this belongs to a dead pixel, a reference beyond it to a held one.

@@ -1,9 +1,13 @@
 #import chain/state.wgsl
+#import chain/own_times.wgsl
 #import chain/arithmetic.wgsl
 // From light to the signal: curve, then low-pass.
 
-// Y / Y_ref of the pixel at an instant; below 0 where a method does not know it.
+// Y / Y_ref of the pixel at an instant, or where times are its own at light of this number; below 0 where a method does not know it.
 fn light_of(instant: u32) -> f32 {
+    if (OWN_TIMES) {
+        return min(clamp(own_luminance(instant), 0.0, LIGHT_LIMIT) * inverse_reference, LIGHT_LIMIT);
+    }
     let layer = (view * params.instants + instant) * SAMPLES;
     let mean = mean_of_samples(pixel, layer);
     if (is_unknown(mean)) {
@@ -69,7 +73,11 @@ fn next_output() -> f32 {
 
 // Samples at the interval's end; an unknown pixel sees what it last saw.
 fn respond(instant: u32) {
-    let y = light_of(instant);
+    respond_to(light_of(instant));
+}
+
+// The same, to light.
+fn respond_to(y: f32) {
     next_light = light;
     next_input = input;
     sees = y >= 0.0;

@@ -137,6 +137,39 @@ fn take_instants(begin: u32) -> bool {
     return true;
 }
 
+// From `from_us` to `to_us` since the base, at which it sees light of this number.
+fn take_own_part(from_us: u32, to_us: u32, number: u32, changes: bool) {
+    set_own_interval(from_us, to_us);
+    var y = -1.0;
+    if (changes) {
+        y = light_of(number);
+    }
+    respond_to(y);
+    sees = true;
+    if (threshold_on < BEYOND && wakes()) {
+        walk(0u);
+    }
+    advance();
+}
+
+// Through the view's block.
+fn take_own_parts(own: OwnTimes) {
+    let count = max(own.parts, 1u);
+    let jumps = (own.flags & LIGHT_JUMPS) != 0u;
+    var now = own_time(0u, count);
+    // Part 0 is a jump: light was as before until the start.
+    for (var part = select(1u, 0u, jumps); part <= count; part++) {
+        var end = own_time(0u, count) + 1u;
+        if (part > 0u) {
+            end = select(own_time(part, count), block_word(3u), part == count);
+        }
+        if (end > now) {
+            take_own_part(now, end, own.first + part, part == 0u || own.parts > 0u);
+            now = end;
+        }
+    }
+}
+
 // Where the pixel's events go, and how many were counted: up to the next pixel's.
 fn find_room(block: u32) {
     let within = cells[index];
@@ -147,6 +180,27 @@ fn find_room(block: u32) {
         room = block_offsets[block + 1u] - place;
     } else {
         room = report.status.event_count - place;
+    }
+}
+
+// Through the view's block, where times are the pixel's own; its memory is loaded.
+fn take_block(block: u32, emits: bool) {
+    let own = own_times();
+    let rests = (own.flags & LIGHT_RESTS) != 0u;
+    if (!rests) {
+        find_candidates(own_time(0u, 1u), block);
+        take_own_parts(own);
+    }
+    if (emits) {
+        if (written != room) {
+            atomicAdd(&report.status.mismatched, 1u);
+        }
+        return;
+    }
+    cells[index] = written;
+    store_memory(true, select(block_word(3u), 0u, rests));
+    if (written > KEPT) {
+        enlist(crowded(), list_of_crowded());
     }
 }
 
@@ -163,6 +217,10 @@ fn take_pixel(at: vec2<u32>, of_view: u32) {
         written = cells[index];
     }
     load_memory(wakes_here);
+    if (OWN_TIMES) {
+        take_block(block, emits);
+        return;
+    }
     let begin = job.instant;
     // A pixel's first interval may have begun before the first instant.
     let first_step = step_at(pixel, view, begin);

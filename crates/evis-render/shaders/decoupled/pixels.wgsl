@@ -284,6 +284,9 @@ fn go_along_knots(pixel: Pixel, found: Point) {
         at = next.at;
         wanted = next.wanted;
         done = next.done;
+        if (done) {
+            last.luminance = knot(intervals);
+        }
     }
     unit = unit_of_knot(pixel, at, wanted);
 }

@@ -109,7 +109,7 @@ pub enum Compute {
     #[default]
     Cpu,
     /// By compute passes on the device, in 32 bits. What stays on the processor: materials with other maps than one of base
-    /// colour behind a distorted lens, orthographic cameras with one, and stages of sensors beyond two thresholds.
+    /// colour behind a distorted lens, orthographic cameras with one, and stages of sensors that take frames.
     Gpu,
 }
 

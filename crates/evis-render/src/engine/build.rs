@@ -93,8 +93,9 @@ impl Engine {
         let block = config.block();
         let caused = config.labels.contains(&LabelKind::Cause);
         let dense = config.dense.filter(|_| config.method != Method::Decoupled).and_then(|output| {
-            let grid = (&context.grid, block);
-            DenseArrays::new(gpu, output, grid, &passes, &targets, &groups)
+            let longest_us = context.grid.longest_interval_us() * f64::from(block);
+            let groups: Vec<&Group> = groups.iter().collect();
+            DenseArrays::new(gpu, output, longest_us, &passes, &targets, &groups)
         });
         Ok(Self {
             caused,
@@ -365,7 +366,7 @@ fn groups(
         let sensors = context.view_sensors(&views);
         let chain = passes.chain(class).map(|passes| {
             let size = [targets[class].width, targets[class].height];
-            let own: Vec<&View> = views.iter().map(|&v| &context.views[v]).collect();
+            let own: Vec<_> = views.iter().map(|&v| context.views[v].sensing()).collect();
             (passes, GroupChain::new(&context.gpu, &passes.plan, size, &own, reference))
         });
         Group::new(&context.gpu, class, &targets[class], views, &sensors, chain)

@@ -1,8 +1,8 @@
 //! Decoupled sampling behind the simulator: events come from `evis-decoupled`, labels and frames from the engine, and events of
 //! the tiles that are left to rendering, too.
 
-use std::sync::Arc;
 use std::sync::atomic::AtomicBool;
+use std::sync::{Arc, Mutex};
 use std::time::Instant;
 
 use evis_core::event::take_causes;
@@ -13,11 +13,14 @@ use evis_scene::{PixelLens, Scene};
 
 use crate::config::{Compute, Interpolation, Method, RunConfig};
 use crate::engine::follower::Followers;
+use crate::engine::reset::other_stages;
+use crate::engine::stages::{self, MadeArrays};
 use crate::engine::{Arrived, Engine, milliseconds};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::output::packet::{Packet, PacketReport, ViewPacket};
 use crate::output::poses::CameraPoses;
+use crate::sensor::passes::share_passes;
 use crate::world::crowds::Crowds;
 use crate::world::tiles::{tile_at, tile_count};
 use crate::world::view::{View, reseed};
@@ -33,6 +36,8 @@ pub struct Decoupled {
     pictures: Option<Engine>,
     /// Per view: tiles whose events are rendered; empty where none are.
     rendered: Vec<Vec<bool>>,
+    /// Arrays of events that a device has made.
+    made: Arc<Mutex<MadeArrays>>,
     poses: CameraPoses,
     arrived: Vec<Arrived>,
     /// Per view: events before this are there.
@@ -72,9 +77,17 @@ impl Decoupled {
         };
         let followed: Vec<Vec<bool>> =
             rendered.iter().map(|tiles| tiles.iter().map(|tile| !tile).collect()).collect();
+        let made = Arc::default();
         let devices: Option<Arc<dyn Devices>> = match (config.compute, gpu) {
             (Compute::Cpu, _) => None,
-            (Compute::Gpu, Some(gpu)) => Some(Arc::new(Followers::new(gpu)?)),
+            (Compute::Gpu, Some(gpu)) => {
+                let followers = Followers::new(gpu)?;
+                // Tiles that are rendered fire on the host.
+                Some(Arc::new(match config.dense.filter(|_| rendered.is_empty()) {
+                    Some(output) => followers.with_dense(output, &made),
+                    None => followers,
+                }))
+            }
             (Compute::Gpu, None) => return Err(EngineError::NoDevice),
         };
         let settings = StreamSettings {
@@ -114,6 +127,7 @@ impl Decoupled {
             stream,
             pictures,
             rendered,
+            made,
         })
     }
 
@@ -166,6 +180,7 @@ impl Decoupled {
         let value = match (on_frames, now) {
             (Some(what), None) => format!("one with {what}, which is defined on frames"),
             (None, Some(what)) => format!("one without {what}, which is defined on frames"),
+            _ if self.settings.devices.is_some() => return check_stages(&self.views[view].sensor, sensor),
             _ => return Ok(()),
         };
         Err(ConfigError::new("sensor", value, "one that is defined on frames if the simulator's own is"))
@@ -294,7 +309,7 @@ impl Decoupled {
             packet.views.push(ViewPacket {
                 environment: view.environment,
                 camera: view.camera,
-                dense: None,
+                dense: stages::lock(&self.made).take(packet.views.len(), until_us),
                 causes: if self.caused { causes } else { Vec::new() },
                 events,
                 labels: pictured.labels,
@@ -302,7 +317,8 @@ impl Decoupled {
             });
         }
         self.delivered_us = until_us;
-        report.events = packet.views.iter().map(|v| v.events.len() as u64).sum();
+        let events = packet.views.iter().map(|v| v.events.len() as u64);
+        report.events = events.sum::<u64>() + stages::lock(&self.made).take_count();
         for [now, reported] in &mut self.reports {
             let before = std::mem::replace(reported, *now);
             report.drawn_pixels += now.evaluations - before.evaluations;
@@ -316,6 +332,14 @@ impl Decoupled {
         packet.report = report;
         Ok(packet)
     }
+}
+
+/// Whether a view on a device can have `sensor` in the place of `now`: the device has the stages of what it began with.
+fn check_stages(now: &SensorConfig, sensor: &SensorConfig) -> Result<(), ConfigError> {
+    if now.is_ideal() || sensor.is_ideal() || share_passes(now, sensor) {
+        return Ok(());
+    }
+    Err(other_stages())
 }
 
 /// What renders labels and frames, and where there are any the tiles `rendered` of `views`.

@@ -2,18 +2,19 @@
 
 use std::fmt;
 use std::ops::Range;
-use std::sync::{Arc, OnceLock};
+use std::sync::{Arc, Mutex, OnceLock};
 
-use evis_decoupled::packed::{self, Block, Event, Pixel, Textures};
+use evis_decoupled::packed::{self, Block, Event, Found, Pixel, Textures};
 use evis_decoupled::signal::pixel::UNITS;
-use evis_decoupled::{Device, Devices, Error};
+use evis_decoupled::{Device, Devices, Error, ViewSensor};
 use wgpu::util::DeviceExt;
 
+use crate::config::dense::DenseOutput;
+use crate::engine::stages::{self, LIGHT_ROW_BYTES, MadeArrays, Stages};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::gpu::buffer::{GrowingBuffer, aligned};
 use crate::gpu::commands::Commands;
-use crate::gpu::readback::{map, wait_mapped};
 use crate::gpu::sizes::{self, UNIFORM_ALIGNMENT};
 use crate::gpu::uniforms::{Batch, Turn};
 use crate::pass::decoupled::{CLASSES, GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH_WORDS};
@@ -24,6 +25,8 @@ const EVENTS_PER_PIXEL: u32 = 16;
 /// Bytes that an array of a block takes at most, if rows of tiles can be followed one after the other: half of what WebGPU's
 /// default limits let be bound.
 const MOST_BYTES: u64 = 64 << 20;
+/// Two blocks: views whose blocks begin within one of another view go through stages together.
+const LONGEST_US: f64 = 2.0 * 32_768.0;
 /// Rounds beyond those in which pixels are evaluated where they surely are.
 const MORE_ROUNDS: u32 = 8;
 
@@ -36,6 +39,10 @@ pub struct Followers {
     passes: Arc<Passes>,
     /// See [`EVENTS_PER_PIXEL`].
     pub(crate) events_per_pixel: u32,
+    /// Whether stages of sensors are on the device.
+    pub(crate) has_stages: bool,
+    /// What arrays are wanted of events, and what was made of them.
+    dense: Option<(DenseOutput, Arc<Mutex<MadeArrays>>)>,
 }
 
 impl fmt::Debug for Followers {
@@ -54,7 +61,19 @@ impl Followers {
         for class in [decoupled::PLAIN, decoupled::OTHERS] {
             pass_of(gpu, &passes, class)?;
         }
-        Ok(Self { gpu: gpu.clone(), passes, events_per_pixel: EVENTS_PER_PIXEL })
+        Ok(Self {
+            gpu: gpu.clone(),
+            passes,
+            events_per_pixel: EVENTS_PER_PIXEL,
+            has_stages: true,
+            dense: None,
+        })
+    }
+
+    /// The same, which leave arrays in `made` in the place of events that leave a sensor with stages at once.
+    pub(super) fn with_dense(mut self, output: DenseOutput, made: &Arc<Mutex<MadeArrays>>) -> Self {
+        self.dense = Some((output, Arc::clone(made)));
+        self
     }
 
     /// The same, ready for distorted lenses and maps too.
@@ -73,8 +92,14 @@ impl Devices for Followers {
         half_a_binding(&self.gpu) as usize
     }
 
-    fn open(&self, textures: &Textures) -> Result<Box<dyn Device>, Error> {
-        Ok(Box::new(Follower::new(self, textures)?))
+    fn open(&self, textures: &Textures, views: &[ViewSensor]) -> Result<Box<dyn Device>, Error> {
+        let mut follower = Follower::new(self, textures)?;
+        if self.has_stages {
+            let wanted = self.dense.as_ref().map(|(output, made)| (*output, made));
+            let new = || Ok(Stages::new(&self.gpu, views, wanted, LONGEST_US));
+            follower.stages = self.gpu.guarded(new).map_err(refused)?;
+        }
+        Ok(Box::new(follower))
     }
 }
 
@@ -134,6 +159,8 @@ struct Follower {
     scratch: GrowingBuffer,
     /// Rounds, and then a first one that goes on.
     turns: GrowingBuffer,
+    /// Of sensors.
+    stages: Option<Stages>,
 }
 
 impl Follower {
@@ -169,6 +196,7 @@ impl Follower {
             events: new("events", Usage::STORAGE | Usage::COPY_SRC),
             scratch: new("scratch", Usage::STORAGE | Usage::COPY_SRC),
             turns,
+            stages: None,
             gpu: gpu.clone(),
             passes: Arc::clone(&of.passes),
             events_per_pixel: of.events_per_pixel,
@@ -183,24 +211,8 @@ impl Follower {
 
     /// Ranges of bytes of buffers, one after the other.
     fn read(&self, parts: &[(&GrowingBuffer, Range<u64>)]) -> Result<Vec<u8>, Error> {
-        let staging = self.gpu.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("followed pixels"),
-            size: parts.iter().map(|(_, range)| range.end - range.start).sum(),
-            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        let mut commands = Commands::new(&self.gpu, "read followed pixels");
-        let mut at = 0;
-        for (buffer, range) in parts {
-            let bytes = range.end - range.start;
-            commands.copy_buffer_to_buffer(buffer.get(), range.start, &staging, at, bytes);
-            at += bytes;
-        }
-        let submission = commands.submit(&self.gpu);
-        wait_mapped(&self.gpu, &submission, &map(&staging)).map_err(refused)?;
-        let mapped = staging.get_mapped_range(..);
-        let bytes = mapped.map_err(|error| Error::Device(format!("cannot read what came back: {error}")))?;
-        Ok(bytes.to_vec())
+        let parts: Vec<_> = parts.iter().map(|(buffer, range)| (buffer.get(), range.clone())).collect();
+        stages::read(&self.gpu, Commands::new(&self.gpu, "read followed pixels"), &parts)
     }
 
     /// Sends `block` up, but for its pixels.
@@ -236,7 +248,7 @@ impl Follower {
         check(&self.gpu, "intermediate values", sizes[0])?;
         check(&self.gpu, "events", sizes[1])?;
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        self.scratch.reserve(device, sizes[0]);
+        self.scratch.reserve(device, sizes[0] + LIGHT_ROW_BYTES);
         self.events.reserve(device, sizes[1]);
         self.pixels.write(device, queue, bytemuck::cast_slice(&block.pixels));
         let (columns, _) = sizes::dispatch(count, GROUP);
@@ -311,7 +323,7 @@ fn count_at(class: usize, round: u32) -> usize {
 /// Where light that is wanted of `block` lies among intermediate values: behind what is known of pixels between rounds.
 fn light_bytes(block: &Block) -> Range<u64> {
     let from = u64::from(SCRATCH_WORDS) * 4 * block.pixels.len() as u64;
-    from..from + size_of_val(&block.light[..]) as u64
+    from..from + 4 * block.light as u64
 }
 
 /// Bytes of `count` events, and of what lies before them.
@@ -353,7 +365,7 @@ impl Device for Follower {
         MOST_BYTES.min(half_a_binding(&self.gpu)) as usize
     }
 
-    fn follow(&mut self, block: &mut Block) -> Result<Vec<Event>, Error> {
+    fn follow(&mut self, block: &mut Block) -> Result<Found, Error> {
         let _span = tracing::trace_span!("follow pixels", pixels = block.pixels.len()).entered();
         self.send(block)?;
         let mut capacity = (self.events_per_pixel * block.pixels.len() as u32).max(1);
@@ -366,16 +378,25 @@ impl Device for Follower {
         }
         let used = used.min(capacity);
         let pixels = size_of_val(&block.pixels[..]);
-        let parts = [
-            (&self.pixels, 0..pixels as u64),
-            (&self.scratch, light_bytes(block)),
-            (&self.events, 0..event_bytes(used)),
-        ];
+        let mut light = light_bytes(block);
+        let mut light_at = 0;
+        if let Some(stages) = self.stages.as_mut().filter(|_| block.light_stays) {
+            light_at = stages.keep(self.scratch.get(), light.start, block.light as u32)?;
+            light.end = light.start;
+        }
+        let light_size = (light.end - light.start) as usize;
+        let parts =
+            [(&self.pixels, 0..pixels as u64), (&self.scratch, light), (&self.events, 0..event_bytes(used))];
         let bytes = self.read(&parts)?;
         let (pixels, bytes) = bytes.split_at(pixels);
-        let (light, events) = bytes.split_at(size_of_val(&block.light[..]));
+        let (light, events) = bytes.split_at(light_size);
         block.pixels = bytemuck::pod_collect_to_vec::<u8, Pixel>(pixels);
-        block.light = bytemuck::pod_collect_to_vec::<u8, f32>(light);
-        Ok(bytemuck::pod_collect_to_vec(&events[event_bytes(0) as usize..]))
+        let light = bytemuck::pod_collect_to_vec::<u8, f32>(light);
+        let events = bytemuck::pod_collect_to_vec(&events[event_bytes(0) as usize..]);
+        Ok(Found { events, light, light_at })
+    }
+
+    fn stages(&mut self) -> Option<&mut dyn evis_decoupled::Stages> {
+        self.stages.as_mut().map(|stages| stages as _)
     }
 }

@@ -3,11 +3,12 @@
 pub mod bench;
 mod build;
 mod collect;
-mod decoupled;
+pub(crate) mod decoupled;
 pub mod follower;
 mod recover;
 mod reset;
 pub mod simulator;
+mod stages;
 pub mod submission;
 
 #[cfg(test)]

@@ -12,7 +12,7 @@ use crate::sensor::group::{Slot, Unit};
 use crate::sensor::passes::{WalkPasses, share_passes};
 use crate::sensor::step::encode_trigger;
 use crate::sensor::trigger::{clear_tallies, trigger_steps};
-use crate::world::view::{View, reseed};
+use crate::world::view::reseed;
 
 use super::Engine;
 
@@ -54,13 +54,7 @@ impl Engine {
         if share_passes(&self.context.views[view].sensor, sensor) {
             return Ok(());
         }
-        let remedy = "the simulator's own with other numbers for thresholds, their spread, bandwidth, leak, noise, \
-                      refractory period, latency or bus: stages that are on stay on, and what is off stays off";
-        Err(ConfigError::new(
-            "sensor",
-            "one of other stages, or with another number that all environments share",
-            remedy,
-        ))
+        Err(other_stages())
     }
 
     /// Resets environments at the stream's present time: their pixels take the light of that time as their reference, and
@@ -124,7 +118,7 @@ impl Engine {
         let class = self.groups[group].targets;
         if let (Some(passes), Some(chain)) = (self.passes.chain(class), &mut self.groups[group].chain) {
             let targets = &self.targets[class];
-            let own: Vec<&View> = views.iter().map(|&v| &self.context.views[v]).collect();
+            let own: Vec<_> = views.iter().map(|&v| self.context.views[v].sensing()).collect();
             let (size, reference) = ([targets.width, targets.height], self.context.reference_luminance);
             if redrawn {
                 let fresh = GroupChain::new(&self.context.gpu, &passes.plan, size, &own, reference);
@@ -176,4 +170,15 @@ impl Engine {
         self.free.push(slot);
         Ok(())
     }
+}
+
+/// Of a sensor that needs other passes than its view has.
+pub(super) fn other_stages() -> ConfigError {
+    let remedy = "the simulator's own with other numbers for thresholds, their spread, bandwidth, leak, noise, refractory \
+                  period, latency or bus: stages that are on stay on, and what is off stays off";
+    ConfigError::new(
+        "sensor",
+        "one of other stages, or with another number that all environments share",
+        remedy,
+    )
 }

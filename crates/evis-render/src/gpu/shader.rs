@@ -70,6 +70,7 @@ shaders![
     "chain/arithmetic.wgsl",
     "chain/layout.wgsl",
     "chain/state.wgsl",
+    "chain/own_times.wgsl",
     "chain/response.wgsl",
     "chain/shape.wgsl",
     "chain/pixel.wgsl",

@@ -2,6 +2,7 @@
 //! over: what is frozen, and noise candidates.
 
 use evis_core::emulator::parts::{FixedPattern, NoiseSampler, ReadoutQueue};
+use evis_core::random::Key;
 use evis_core::sensor::{
     Bandwidth, Curve, FilterRule, LeakLaw, NoiseReference, RefractoryRule, SensorConfig, Start, Times,
     TriggerRule,
@@ -15,10 +16,12 @@ use crate::gpu::texture::{array, whole};
 use crate::gpu::uniforms::{ChainSensor, ChainStep};
 use crate::pass::trigger::{CHAIN_BINDINGS, KEPT_BINDINGS};
 use crate::pass::{ComputePass, part};
-use crate::world::view::View;
 
 /// Words of a view at the start of `frozen`; `chain/layout.wgsl` has the same constant.
-pub const VIEW_WORDS: u32 = 8;
+pub const VIEW_WORDS: u32 = 12;
+
+/// The first of them that is of a view's block, where pixels have times of their own; `chain/own_times.wgsl` has the same constant.
+pub const BLOCK_WORD: usize = 8;
 
 /// Words of a candidate; `chain/layout.wgsl` has the same constant.
 pub const CANDIDATE_WORDS: u32 = 3;
@@ -31,6 +34,9 @@ pub const TALLY_WORDS: u32 = 2 * MAX_INSTANTS + 1;
 
 /// Workgroups along a list of pixels, per view: each takes what its turn leaves over.
 const LIST_WORKGROUPS: u32 = 64;
+
+/// The constant of light that is known at times of each pixel's own.
+const OWN_TIMES: &str = "OWN_TIMES";
 
 /// In place of infinity, which WGSL has not.
 const NEVER: f32 = 3.0e38;
@@ -150,6 +156,7 @@ impl ChainPlan {
             ("LATCH", flag(latch)),
             ("TIMES", f64::from(if latch { 0 } else { times })),
             ("LIGHT_LATENCY", flag(light_latency)),
+            (OWN_TIMES, 0.0),
             ("SEQUENTIAL", flag(sequential)),
             ("KEPT", f64::from(kept)),
             ("MOST_EVENTS", f64::from(sensor.most_events)),
@@ -174,6 +181,13 @@ impl ChainPlan {
             latency_light_us: sensor.readout.latency_light_us,
         };
         Self { planes, constants, sensor: numbers, own_thresholds, own_slopes, sequential, kept }
+    }
+
+    /// The same, for light that is known at times of each pixel's own.
+    pub fn with_own_times(mut self) -> Self {
+        let own = self.constants.iter_mut().filter(|(name, _)| *name == OWN_TIMES);
+        own.for_each(|(_, value)| *value = 1.0);
+        self
     }
 
     /// Bytes of the widest binding per view.
@@ -289,6 +303,7 @@ impl ChainPasses {
 pub struct GroupChain {
     /// Words of views.
     pub views: wgpu::Buffer,
+    words: Vec<u32>,
     /// What is frozen, in planes: layer `plane * views + view`.
     pub frozen: wgpu::TextureView,
     noises: Vec<Option<NoiseSampler>>,
@@ -304,22 +319,23 @@ impl GroupChain {
         gpu: &Gpu,
         plan: &ChainPlan,
         [width, height]: [u32; 2],
-        views: &[&View],
+        views: &[(&SensorConfig, Key)],
         reference_luminance: f32,
     ) -> Self {
         let each: Vec<FixedPattern> = views
             .par_iter()
-            .map(|view| FixedPattern::draw(&view.sensor, view.key, 0, width as usize * height as usize))
+            .map(|(sensor, key)| FixedPattern::draw(sensor, *key, 0, width as usize * height as usize))
             .collect();
         let mut words: Vec<u32> = Vec::with_capacity(views.len() * VIEW_WORDS as usize);
-        for (view, frozen) in views.iter().zip(&each) {
+        for ((sensor, key), frozen) in views.iter().zip(&each) {
             let slope = frozen.slope.first().copied().unwrap_or(0.0);
-            let [low, high] = view.key.words();
-            words.extend([view.sensor.threshold_on, view.sensor.threshold_off, slope].map(f32::to_bits));
-            let cutoff_rate = view.sensor.photoreceptor.cutoff_hz * std::f32::consts::TAU * 1e-6;
-            let refractory_us = view.sensor.refractory.period_us as f32;
+            let [low, high] = key.words();
+            words.extend([sensor.threshold_on, sensor.threshold_off, slope].map(f32::to_bits));
+            let cutoff_rate = sensor.photoreceptor.cutoff_hz * std::f32::consts::TAU * 1e-6;
+            let refractory_us = sensor.refractory.period_us as f32;
             words.extend([(1.0 / reference_luminance).to_bits(), low, high]);
             words.extend([cutoff_rate, refractory_us].map(f32::to_bits));
+            words.resize(words.len() + VIEW_WORDS as usize - BLOCK_WORD, 0);
         }
         type Choose = fn(&FixedPattern) -> &Vec<f32>;
         let planes: [(bool, Choose); 3] = [
@@ -365,20 +381,20 @@ impl GroupChain {
         let noises = each
             .iter()
             .zip(views)
-            .map(|(frozen, view)| NoiseSampler::new(&view.sensor, view.key, frozen))
+            .map(|(frozen, (sensor, key))| NoiseSampler::new(sensor, *key, frozen))
             .collect();
-        let readout = |view: &&View| ReadoutQueue::new(&view.sensor.readout, view.key, width);
-        let at_once = views.iter().all(|view| view.sensor.readout.is_off());
+        let readout = |(sensor, key): &(&SensorConfig, Key)| ReadoutQueue::new(&sensor.readout, *key, width);
+        let at_once = views.iter().all(|(sensor, _)| sensor.readout.is_off());
         let readouts = if at_once { Vec::new() } else { views.iter().map(readout).collect() };
-        Self { views: buffer, frozen: whole(&texture), noises, readouts, width, height }
+        Self { views: buffer, words, frozen: whole(&texture), noises, readouts, width, height }
     }
 
     /// Takes what waits for the bus off the readouts of those `views` that `beginning` names.
-    pub fn clear_readout(&mut self, views: &[&View], beginning: &[bool]) {
-        for ((readout, view), _) in
+    pub fn clear_readout(&mut self, views: &[(&SensorConfig, Key)], beginning: &[bool]) {
+        for ((readout, (sensor, key)), _) in
             self.readouts.iter_mut().zip(views).zip(beginning).filter(|(_, begins)| **begins)
         {
-            *readout = ReadoutQueue::new(&view.sensor.readout, view.key, self.width);
+            *readout = ReadoutQueue::new(&sensor.readout, *key, self.width);
         }
     }
 
@@ -396,16 +412,29 @@ impl GroupChain {
         *self = fresh;
     }
 
+    /// Says of each view when its block is, where pixels have times of their own: see `chain/own_times.wgsl`.
+    pub fn write_blocks(&mut self, gpu: &Gpu, blocks: impl Iterator<Item = [u32; 4]>) {
+        for (words, block) in self.words.chunks_exact_mut(VIEW_WORDS as usize).zip(blocks) {
+            words[BLOCK_WORD..].copy_from_slice(&block);
+        }
+        gpu.queue.write_buffer(&self.views, 0, bytemuck::cast_slice(&self.words));
+    }
+
     /// Noise candidates in `(base_us, end_us]`: where each block's begin, then the candidates.
     pub fn feed(&mut self, base_us: i64, end_us: i64) -> Vec<u32> {
+        self.feed_within(base_us, |_| Some((base_us, end_us)))
+    }
+
+    /// The same, in a span of each view's own; none of those without one.
+    pub fn feed_within(&mut self, base_us: i64, span_us: impl Fn(usize) -> Option<(i64, i64)>) -> Vec<u32> {
         let row_blocks = (row_stride(self.width) / BLOCK_PIXELS) as usize;
         let view_blocks = row_blocks * self.height as usize;
         let blocks = view_blocks * self.noises.len();
         let mut words = vec![0; blocks + 1];
         let mut begun = 0;
         for (view, noise) in self.noises.iter_mut().enumerate() {
-            let Some(noise) = noise else { continue };
-            for candidate in noise.candidates(base_us, end_us) {
+            let (Some(noise), Some((from_us, to_us))) = (noise, span_us(view)) else { continue };
+            for candidate in noise.candidates(from_us, to_us) {
                 let (x, y) = (candidate.pixel % self.width, candidate.pixel / self.width);
                 let block = view * view_blocks + y as usize * row_blocks + (x / BLOCK_PIXELS) as usize;
                 // Candidates come block by block.

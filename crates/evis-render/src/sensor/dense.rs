@@ -14,7 +14,7 @@ use crate::gpu::sizes::{DeviceLimits, UNIFORM_ALIGNMENT};
 use crate::gpu::uniforms::WindowBounds;
 use crate::pass;
 use crate::pass::trigger::{CHAIN_DENSE_BINDINGS, EMIT_DENSE_BINDINGS};
-use crate::sensor::group::{Group, Slot, Unit};
+use crate::sensor::group::{Group, Slot, Times};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
 use crate::sensor::step::TriggerStep;
 use crate::sensor::targets::Targets;
@@ -59,14 +59,15 @@ pub struct DenseReadback {
 }
 
 impl DenseArrays {
-    /// Prepares arrays for the groups that make their events on the device; `None` where that is none.
+    /// Prepares arrays for the groups that make their events on the device; `None` where that is none. No submission is surely longer
+    /// than `longest_us`.
     pub fn new(
         gpu: &Gpu,
         output: DenseOutput,
-        (grid, block): (&SampleGrid, u32),
+        longest_us: f64,
         passes: &TriggerPasses,
         targets: &[Targets],
-        groups: &[Group],
+        groups: &[&Group],
     ) -> Option<Self> {
         // Places in a voxel grid are found by products of 32 bits.
         let bins = match output.kind {
@@ -74,12 +75,11 @@ impl DenseArrays {
             _ => 1,
         };
         let products_fit = output.window_us as u64 * u64::from(bins - 1) <= u64::from(u32::MAX);
-        let block_us = grid.longest_interval_us() * f64::from(block);
-        if !products_fit || block_us > (MOST_WINDOWS * output.window_us) as f64 {
+        if !products_fit || longest_us > (MOST_WINDOWS * output.window_us) as f64 {
             return None;
         }
         let limits = DeviceLimits::of(&gpu.device);
-        let of = |group: &Group| {
+        let of = |group: &&Group| {
             let fires = match &*passes.walks[group.targets] {
                 WalkPasses::Ideal { .. } => true,
                 WalkPasses::Chain(_) => group.chain.as_ref().is_some_and(|chain| chain.readouts.is_empty()),
@@ -90,7 +90,8 @@ impl DenseArrays {
             (fires && arrays.bytes() <= limits.storage_binding).then_some(arrays)
         };
         let arrays: Vec<_> = groups.iter().map(of).collect();
-        let mut views = vec![false; groups.iter().map(|group| group.views.len()).sum()];
+        let last = groups.iter().flat_map(|group| &group.views).max();
+        let mut views = vec![false; last.map_or(0, |last| last + 1)];
         for (group, arrays) in groups.iter().zip(&arrays) {
             group.views.iter().for_each(|view| views[*view] = arrays.is_some());
         }
@@ -104,7 +105,7 @@ impl DenseArrays {
 
     /// Whether the events of view `view` become arrays here.
     pub fn makes_view(&self, view: usize) -> bool {
-        self.views[view]
+        self.views.get(view).is_some_and(|makes| *makes)
     }
 
     /// Whether the events of `group` become arrays here.
@@ -117,26 +118,25 @@ impl DenseArrays {
         ((MOST_WINDOWS * self.output.window_us) as f64 / grid.longest_interval_us()) as i64
     }
 
-    /// Steps that add the events of `unit` to the windows that it overlaps: where a sensor is thresholds alone as they fire, of
+    /// Steps that add the events of a submission of `group`, which has this index, to the windows that it overlaps: where a sensor is thresholds alone as they fire, of
     /// others the events that `slot` has.
-    #[expect(clippy::too_many_arguments, reason = "what the passes read and write")]
     pub fn steps<'a>(
         &mut self,
         gpu: &Gpu,
         passes: &'a TriggerPasses,
-        grid: &SampleGrid,
+        times: &Times,
         targets: &Targets,
-        group: &Group,
-        unit: &Unit,
+        (group, index): (&Group, usize),
         slot: &Slot,
     ) -> Vec<TriggerStep<'a>> {
         let Self { output, groups, .. } = self;
-        let (Some(own), Some(pass)) = (&mut groups[unit.group], &passes.dense[group.targets]) else {
+        let (Some(own), Some(pass)) = (&mut groups[index], &passes.dense[group.targets]) else {
             return Vec::new();
         };
-        let base_us = if group.begins(unit) { grid.instant_us(unit.first) } else { unit.base_us(grid) };
+        let base_us = times.base_us;
+        let end_us = times.ends_us.last().copied().unwrap_or(base_us);
         // A time may be rounded down to the submission's base, and the last instant is part of it.
-        let windows = output.window_of(base_us)..=output.window_of(unit.end_us(grid));
+        let windows = output.window_of(base_us)..=output.window_of(end_us);
         let first = *windows.start();
         // A step takes two.
         own.open_until(gpu, *windows.end() + 1, first);

@@ -42,21 +42,33 @@ impl Unit {
         })
     }
 
-    /// For the trigger, with room for `capacity` events of `views` views. Where it `begins` there is no interval before
-    /// its first instant.
-    pub fn params(
-        &self,
-        grid: &SampleGrid,
-        targets: &Targets,
-        views: u32,
-        capacity: u32,
-        begins: bool,
-    ) -> TriggerParams {
-        let base = if begins { grid.instant_us(self.first) } else { self.base_us(grid) };
+    /// When its instants are. Where it `begins` there is no interval before the first one.
+    pub fn times(&self, grid: &SampleGrid, begins: bool) -> Times {
+        let base_us = if begins { grid.instant_us(self.first) } else { self.base_us(grid) };
+        let instants = self.first..self.first + i64::from(self.instants);
+        Times { base_us, ends_us: instants.map(|instant| grid.instant_us(instant)).collect(), begins }
+    }
+}
+
+/// When the instants of a submission are, in microseconds of the stream.
+#[derive(Clone, Debug)]
+pub struct Times {
+    /// Time that event times count from.
+    pub base_us: i64,
+    /// Of each instant.
+    pub ends_us: Vec<i64>,
+    /// It sets memories, and no pixel fires at the first of them.
+    pub begins: bool,
+}
+
+impl Times {
+    /// For the trigger, with room for `capacity` events of `views` views.
+    pub fn params(&self, targets: &Targets, views: u32, capacity: u32) -> TriggerParams {
+        let base = self.base_us;
         let mut spans = [[0; 4]; sizes::MAX_INSTANTS as usize];
         let mut before = 0;
-        for (i, span) in spans.iter_mut().enumerate().take(self.instants as usize) {
-            let t = (grid.instant_us(self.first + i as i64) - base) as u32;
+        for (span, end_us) in spans.iter_mut().zip(&self.ends_us) {
+            let t = (end_us - base) as u32;
             let since = base + i64::from(before);
             *span = [before, t - before, since as u32, (since >> 32) as u32];
             before = t;
@@ -67,9 +79,9 @@ impl Unit {
             stride: row_stride(targets.width),
             view_count: views,
             lists: targets.chain.as_ref().map_or(0, |chain| chain.list_count),
-            instants: self.instants,
+            instants: self.ends_us.len() as u32,
             event_capacity: capacity,
-            first: u32::from(begins),
+            first: u32::from(self.begins),
             spans,
         }
     }

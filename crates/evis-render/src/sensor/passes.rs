@@ -120,20 +120,40 @@ impl TriggerPasses {
             );
         }
         let adding = |(sensor, _): &(&SensorConfig, u32)| {
-            let constants = dense_constants(dense?);
+            let kind = dense?;
             match (sensor.walks_on_host(), sensor.is_ideal()) {
                 (true, _) => None,
                 (_, true) => {
-                    let constants = [&ideal_constants(sensor, unknown, blocks)[..], &constants].concat();
+                    let constants =
+                        [&ideal_constants(sensor, unknown, blocks)[..], &dense_constants(kind)].concat();
                     let file = "trigger/emit_dense.wgsl";
                     Some(ComputePass::new(device, file, EMIT_DENSE_BINDINGS, &constants))
                 }
-                _ => Some(ComputePass::new(device, "chain/dense.wgsl", CHAIN_DENSE_BINDINGS, &constants)),
+                _ => Some(chain_dense(device, kind)),
             }
         };
         Self {
             dense: sensors.iter().map(adding).collect(),
             walks,
+            block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),
+            scan: ComputePass::new(device, "trigger/scan.wgsl", SCAN_BINDINGS, &[]),
+        }
+    }
+
+    /// Those of sensors with more stages than thresholds in continuous time, one per class of views, for light that is known at
+    /// times of each pixel's own.
+    pub fn with_own_times(
+        device: &wgpu::Device,
+        sensors: &[&SensorConfig],
+        dense: Option<&DenseKind>,
+    ) -> Self {
+        let walk = |sensor: &&SensorConfig| {
+            let plan = ChainPlan::new(sensor, 1, false, 1).with_own_times();
+            Arc::new(WalkPasses::Chain(Box::new(ChainPasses::new(device, plan))))
+        };
+        Self {
+            walks: sensors.iter().map(walk).collect(),
+            dense: sensors.iter().map(|_| Some(chain_dense(device, dense?))).collect(),
             block: ComputePass::new(device, "trigger/block.wgsl", BLOCK_BINDINGS, &[]),
             scan: ComputePass::new(device, "trigger/scan.wgsl", SCAN_BINDINGS, &[]),
         }
@@ -146,6 +166,11 @@ impl TriggerPasses {
             WalkPasses::Chain(chain) => Some(chain),
         }
     }
+}
+
+/// What adds the events of a chain to arrays.
+fn chain_dense(device: &wgpu::Device, kind: &DenseKind) -> ComputePass {
+    ComputePass::new(device, "chain/dense.wgsl", CHAIN_DENSE_BINDINGS, &dense_constants(kind))
 }
 
 /// What `trigger/dense.wgsl` is compiled with.

@@ -11,7 +11,7 @@ use crate::pass::trigger::{
 use crate::pass::{self, ComputePass};
 use crate::sensor::chain::{ChainPasses, Walk};
 use crate::sensor::dense::DenseArrays;
-use crate::sensor::group::{Group, Slot, Unit};
+use crate::sensor::group::{Group, Slot, Times, Unit};
 use crate::sensor::passes::{TriggerPasses, WalkPasses};
 use crate::sensor::step::TriggerStep;
 use crate::sensor::targets::Targets;
@@ -35,12 +35,26 @@ pub fn trigger_steps<'a>(
     slot: &Slot,
     dense: Option<&mut DenseArrays>,
 ) -> Vec<TriggerStep<'a>> {
-    let dense = dense.filter(|own| own.makes(unit.group));
+    let times = unit.times(grid, group.begins(unit));
+    steps_at(gpu, passes, &times, targets, (group, unit.group), slot, dense)
+}
+
+/// The same at any times; the group and its index.
+pub fn steps_at<'a>(
+    gpu: &Gpu,
+    passes: &'a TriggerPasses,
+    times: &Times,
+    targets: &Targets,
+    (group, index): (&Group, usize),
+    slot: &Slot,
+    dense: Option<&mut DenseArrays>,
+) -> Vec<TriggerStep<'a>> {
+    let dense = dense.filter(|own| own.makes(index));
     let (device, queue) = (&gpu.device, &gpu.queue);
     let views = group.views.len() as u32;
     let stride = row_stride(targets.width);
     let blocks_per_view = stride / BLOCK_PIXELS * targets.height;
-    let params = unit.params(grid, targets, views, slot.capacity, group.begins(unit));
+    let params = times.params(targets, views, slot.capacity);
     queue.write_buffer(&slot.params, 0, bytemuck::bytes_of(&params));
     let scan = ScanParams {
         block_count: blocks_per_view * views,
@@ -54,7 +68,7 @@ pub fn trigger_steps<'a>(
     let (counting, emitting) = match &*passes.walks[group.targets] {
         WalkPasses::Host => (Vec::new(), Vec::new()),
         WalkPasses::Ideal { count, emit } => ideal_walks(device, (count, emit), targets, group, slot),
-        WalkPasses::Chain(chain) => chain_walks(device, chain, targets, group, unit, slot),
+        WalkPasses::Chain(chain) => chain_walks(device, chain, targets, group, times, slot),
     };
     let block = pass::group(
         device,
@@ -95,7 +109,7 @@ pub fn trigger_steps<'a>(
     if group.chain.is_some() {
         steps.extend(emitting);
     }
-    steps.extend(own.steps(gpu, passes, grid, targets, group, unit, slot));
+    steps.extend(own.steps(gpu, passes, times, targets, (group, index), slot));
     steps
 }
 
@@ -157,7 +171,7 @@ fn chain_walks<'a>(
     chain: &'a ChainPasses,
     targets: &Targets,
     group: &Group,
-    unit: &Unit,
+    times: &Times,
     slot: &Slot,
 ) -> Walks<'a> {
     let (old, new) = (&group.memory[group.parity], &group.memory[1 - group.parity]);
@@ -194,10 +208,10 @@ fn chain_walks<'a>(
         let workgroups = walk.workgroups(size, group.views.len() as u32);
         TriggerStep { pipeline: &pass.pipeline, bindings, workgroups }
     };
-    let counting = if group.begins(unit) {
+    let counting = if times.begins {
         vec![walk(&chain.begin, Walk::Count)]
     } else {
-        chain.counting(unit.instants).into_iter().map(|step| walk(&chain.walk, step)).collect()
+        chain.counting(times.ends_us.len() as u32).into_iter().map(|step| walk(&chain.walk, step)).collect()
     };
     let copying = pass::group(
         device,

@@ -177,6 +177,9 @@ fn dense_kinds() -> [DenseKind; 4] {
 /// Every trigger pipeline.
 fn build_triggers(gpu: &Gpu) {
     for sensor in sensors() {
+        if !sensor.is_ideal() && sensor.needs_frames().is_none() {
+            TriggerPasses::with_own_times(&gpu.device, &[&sensor], None);
+        }
         for samples in [1, 4] {
             for unknown in [false, true] {
                 for (instants, between) in

@@ -37,6 +37,11 @@ impl View {
         (self.own_lens.width, self.own_lens.height)
     }
 
+    /// Its sensor, and the key of what is random in it.
+    pub const fn sensing(&self) -> (&SensorConfig, Key) {
+        (&self.sensor, self.key)
+    }
+
     /// Whether it can share targets with `other`: of its size, and with its distorted lens where it has one.
     pub fn shares_targets(&self, other: &Self) -> bool {
         self.size() == other.size() && self.distorted == other.distorted

@@ -115,7 +115,7 @@ fn run_with_lists(
         chain.list_count = chain.list_count.min(lists);
     }
     let views: Vec<View> = (0..VIEWS).map(|v| view(v, sensor)).collect();
-    let own: Vec<&View> = views.iter().collect();
+    let own: Vec<_> = views.iter().map(View::sensing).collect();
     let group_chain = GroupChain::new(gpu, &chain.plan, [WIDTH, HEIGHT], &own, 1.0);
     let sensors = vec![ViewSensor::default(); VIEWS];
     let mut group = Group::new(gpu, 0, &targets, (0..VIEWS).collect(), &sensors, Some((chain, group_chain)));

@@ -6,9 +6,12 @@ use std::sync::{Arc, Mutex};
 
 use evis_core::metric::{ScoreSettings, score};
 use evis_core::random::Key;
+use evis_core::sensor::{Refractory, RefractoryRule};
 use evis_core::{Event, SensorConfig};
 use evis_decoupled::packed::{self, Block, LIGHT_ALONE, Textures};
-use evis_decoupled::{Device, Devices, Error, Outcome, Settings, Stream, StreamSettings, View, simulate};
+use evis_decoupled::{
+    Device, Devices, Error, Outcome, Settings, Stages, Stream, StreamSettings, View, ViewSensor, simulate,
+};
 use evis_scene::environment::Environment;
 use evis_scene::motion::Path;
 use evis_scene::{Distortion, Lens, Material, Motion, Scene, TextureRef, Trs, Variant};
@@ -72,8 +75,8 @@ impl Devices for Opens {
         }
     }
 
-    fn open(&self, textures: &Textures) -> Result<Box<dyn Device>, Error> {
-        let (device, devices) = (self.0.devices.open(textures)?, Arc::clone(&self.0));
+    fn open(&self, textures: &Textures, views: &[ViewSensor]) -> Result<Box<dyn Device>, Error> {
+        let (device, devices) = (self.0.devices.open(textures, views)?, Arc::clone(&self.0));
         Ok(Box::new(Tampered { device, devices, start_us: 0.0 }))
     }
 }
@@ -114,7 +117,7 @@ impl Device for Tampered {
         }
     }
 
-    fn follow(&mut self, block: &mut Block) -> Result<Vec<packed::Event>, Error> {
+    fn follow(&mut self, block: &mut Block) -> Result<packed::Found, Error> {
         self.compare(block)?;
         let mut followed = self.devices.followed.lock().unwrap();
         *followed = [followed[0] + 1, followed[1] + usize::from(block.kept_from == 0)];
@@ -122,11 +125,15 @@ impl Device for Tampered {
         if let Tampering::Shift(part) = self.devices.tampering {
             block.pixels.iter_mut().for_each(|pixel| pixel.centre[0] += part);
         }
-        let events = self.device.follow(block)?;
+        let found = self.device.follow(block)?;
         if let Tampering::Fail(count) = self.devices.tampering {
             block.pixels.iter_mut().step_by(count as usize).for_each(|pixel| pixel.failed = 1);
         }
-        Ok(events)
+        Ok(found)
+    }
+
+    fn stages(&mut self) -> Option<&mut dyn Stages> {
+        self.device.stages()
     }
 }
 
@@ -315,7 +322,10 @@ fn a_device_sees_through_distorted_lenses() {
 #[test]
 fn a_device_finds_the_light_of_sensors_with_more_stages() {
     let Some(gpu) = crate::tests::device() else { return };
-    let devices = Arc::new(Followers::new(&gpu).unwrap());
+    // Light comes down: of sensors that take frames, and where stages do not fit the device.
+    let mut devices = Followers::new(&gpu).unwrap();
+    devices.has_stages = false;
+    let devices = Arc::new(devices);
     let warehouse = evis_scene::builtin::load("warehouse", 0).unwrap();
     // A lamp that is switched on and off, and a glow that follows a sine.
     let blinking = moving(raster_scenes::diffuse());
@@ -344,6 +354,48 @@ fn a_device_finds_the_light_of_sensors_with_more_stages() {
             );
             assert_eq!((none.report.on_device, none.report.evaluations), (0, own.report.evaluations));
             assert!(run(Tampering::Room(200_000)).events == outcome.events, "{name}: a row or two at a time");
+        }
+    }
+}
+
+#[test]
+fn stages_on_a_device_take_light_that_stays_there() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
+    let warehouse = evis_scene::builtin::load("warehouse", 0).unwrap();
+    let blinking = moving(raster_scenes::diffuse());
+    let preset = |name| SensorConfig::preset(name).unwrap();
+    // A photoreceptor of two poles, a leak and its jitter, all noise; and a pixel that is held while it rests.
+    let mut noisy = preset("dvxplorer-like");
+    noisy.noise.shot_hz = 5.0;
+    noisy.noise.leak_hz = 2.0;
+    noisy.noise.leak_jitter = 0.1;
+    let resting = |rule| Refractory { period_us: 3000, rule };
+    noisy.refractory = resting(RefractoryRule::Suppress);
+    let held = SensorConfig { refractory: resting(RefractoryRule::Hold), ..SensorConfig::default() };
+    for (name, sensor, scene) in [
+        ("dvxplorer-like", preset("dvxplorer-like"), &warehouse),
+        ("gen4-like", preset("gen4-like"), &warehouse),
+        ("noisy", noisy, &blinking),
+        ("held", held, &blinking),
+    ] {
+        let settings = Settings { sensor, ..settings((64, 48)) };
+        let own = simulate(scene, &settings).unwrap();
+        let tampers = |tampering| Arc::new(Tampers::new(&devices, tampering));
+        let outcome = simulated(&tampers(Tampering::None), scene, &settings);
+        assert_alike(name, &own, &outcome);
+        let losses = [own.report.losses.suppressed, outcome.report.losses.suppressed];
+        assert!(losses[0].abs_diff(losses[1]) * 50 <= losses[0], "{name}: {losses:?}");
+        // Light that the processor finds goes through the same stages.
+        let none = simulated(&tampers(Tampering::Fail(1)), scene, &settings);
+        let (pixels, same, found) = alike(&own.events, &none.events);
+        println!("{name}: light of the processor: {same} of {pixels} alike, {} us", quantile(&found, 0.99));
+        assert!(1000 * same > 995 * pixels && quantile(&found, 0.99) <= 1, "{name}: {same} of {pixels}");
+        assert_eq!((none.report.on_device, none.report.evaluations), (0, own.report.evaluations));
+        // One run more, a row of tiles or two at a time.
+        if name == "gen4-like" {
+            let again = simulated(&tampers(Tampering::Room(200_000)), scene, &settings);
+            assert!(again.events == outcome.events, "{name}");
         }
     }
 }

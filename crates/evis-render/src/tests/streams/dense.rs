@@ -10,8 +10,9 @@ use evis_representation::{
 use evis_scene::{HostJump, HostNames, HostPose, HostStep, Scene, Variant};
 
 use crate::config::dense::{DenseKind, DenseOutput};
-use crate::config::{Method, RunConfig};
+use crate::config::{Compute, Method, RunConfig};
 use crate::engine::Engine;
+use crate::engine::decoupled::Decoupled;
 use crate::engine::simulator::Simulator;
 use crate::gpu::Gpu;
 use crate::output::packet::Packet;
@@ -203,6 +204,39 @@ fn packets_and_small_buffers_change_no_array() {
     }
 }
 
+/// A sensor of which the device has the stages, and whose events leave it at once.
+fn staged() -> SensorConfig {
+    let mut sensor = SensorConfig::default();
+    sensor.photoreceptor.cutoff_hz = 200.0;
+    sensor.noise = Noise { shot_hz: 40.0, leak_hz: 5.0, ..sensor.noise };
+    sensor
+}
+
+#[test]
+fn a_device_that_follows_pixels_makes_arrays_of_their_events() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let scene = batch(&[0.3, 0.0]);
+    let config = RunConfig { method: Method::Decoupled, compute: Compute::Gpu, sensor: staged(), ..config() };
+    let fired = events(&gpu, &scene, &config, (UNTIL_US, UNTIL_US));
+    for kind in kinds() {
+        let config = RunConfig { dense: dense(kind), ..config.clone() };
+        let made = stream(&gpu, &scene, &config, 10_000);
+        assert_of("on a device", &kind, &made, &fired);
+        assert!(stream(&gpu, &scene, &config, 777) == made, "{kind:?}: packets of 777 us");
+    }
+    // Events of thresholds alone come to the host, which makes arrays of them; those of stages do not.
+    for (sensor, stay) in [(staged(), true), (SensorConfig::default(), false)] {
+        let mut config = RunConfig { sensor, dense: dense(DenseKind::Counts), ..config.clone() };
+        let (views, cameras) = view::views(&scene, &config).unwrap();
+        let mut own = Decoupled::new(Some(&gpu), scene.clone(), views, &cameras, &mut config).unwrap();
+        let packet = own.deliver(UNTIL_US, UNTIL_US).unwrap();
+        assert!(packet.report.events > 100);
+        for view in packet.views {
+            assert_eq!((view.dense.is_some(), view.events.is_empty()), (stay, stay));
+        }
+    }
+}
+
 #[test]
 fn a_reset_environment_has_nothing_of_before() {
     let Some(gpu) = crate::tests::device() else { return };
@@ -214,13 +248,26 @@ fn a_reset_environment_has_nothing_of_before() {
         scene.leave_to_host(&HostNames { nodes: &nodes, ..HostNames::default() }, 0).unwrap();
         Arc::new(scene)
     };
-    let config = RunConfig { rate_hz: 500.0, pose_step_us: Some(WINDOW_US), ..config() };
-    let run = |dense: Option<DenseOutput>| {
+    let own = RunConfig { rate_hz: 500.0, pose_step_us: Some(WINDOW_US), ..config() };
+    let followed = RunConfig {
+        method: Method::Decoupled,
+        compute: Compute::Gpu,
+        sensor: staged(),
+        rate_hz: config().rate_hz,
+        ..own.clone()
+    };
+    // What is followed is evaluated as often as it moves.
+    let run = |dense: Option<DenseOutput>, config: &RunConfig| {
+        let speed = if config.method == Method::Decoupled { 4e-6 } else { 4e-5 };
         let config = RunConfig { dense, ..config.clone() };
         let mut simulator = Simulator::new(&gpu, scene(), config).unwrap();
         let pose =
-            |t_us: i64| HostPose::new(t_us, [t_us as f64 * 4e-5, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], None);
+            |t_us: i64| HostPose::new(t_us, [t_us as f64 * speed, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], None);
         let mut packets = Vec::new();
+        // Where it is in the file it would have to leave within a step.
+        let poses = [0, 1].map(|environment| (environment, 0, pose(0)));
+        let jump = HostJump { poses: &poses, ..HostJump::default() };
+        simulator.reset_to(&[0, 1], &[], &[], &[], &jump).unwrap();
         for step in 1..=4 {
             let until_us = step * WINDOW_US;
             let poses = [0, 1].map(|environment| (environment, 0, vec![pose(until_us)]));
@@ -236,15 +283,18 @@ fn a_reset_environment_has_nothing_of_before() {
         packets
     };
     let kind = DenseKind::Counts;
-    let (fired, made) = (run(None), windows(run(dense(kind)).into_iter()));
-    for (view, windows) in made.iter().enumerate() {
-        for (packet, window) in fired.iter().zip(windows) {
-            assert_eq!(deviation(&kind, window, &packet.views[view].events).0, 0.0, "view {view}");
+    for config in [&own, &followed] {
+        let (fired, made) = (run(None, config), windows(run(dense(kind), config).into_iter()));
+        for (view, windows) in made.iter().enumerate() {
+            for (packet, window) in fired.iter().zip(windows) {
+                let off = deviation(&kind, window, &packet.views[view].events).0;
+                assert_eq!(off, 0.0, "{:?}, view {view}", config.method);
+            }
         }
+        assert!(made[0] != made[1], "canary: one was reset");
     }
-    assert!(made[0] != made[1], "canary: one was reset");
     // Between two windows there is no reset.
-    let config = RunConfig { dense: Some(DenseOutput { kind, window_us: 3000 }), ..config };
+    let config = RunConfig { dense: Some(DenseOutput { kind, window_us: 3000 }), ..own };
     let mut simulator = Simulator::new(&gpu, scene(), config).unwrap();
     simulator.step_with(WINDOW_US, &HostStep::default()).unwrap();
     let refused = simulator.reset(&[0], &[], &[]).unwrap_err().to_string();

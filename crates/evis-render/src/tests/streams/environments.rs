@@ -2,14 +2,14 @@
 
 use std::sync::Arc;
 
-use evis_core::{Event, LabelKind};
+use evis_core::{Event, LabelKind, SensorConfig};
 use evis_scene::builder::{EventCamera, Placement, SceneBuilder};
 use evis_scene::primitive::Shape;
 use evis_scene::{
     HostJump, HostNames, HostPose, HostStep, Lens, Light, LightChange, Material, Scene, Variant,
 };
 
-use crate::config::{Method, RunConfig, Shadows};
+use crate::config::{Compute, Method, RunConfig, Shadows};
 use crate::engine::simulator::{EnvironmentLens, Simulator};
 use crate::gpu::Gpu;
 
@@ -108,10 +108,15 @@ fn host_configs() -> Vec<(&'static str, RunConfig)> {
         pose_step_us: Some(10_000),
         ..RunConfig::default()
     };
+    let decoupled = RunConfig { method: Method::Decoupled, size: Some((12, 8)), ..base.clone() };
+    // More stages than thresholds, which a device has: events leave it a microsecond later.
+    let mut sensor = SensorConfig::default();
+    sensor.readout.latency_us = 1.0;
     vec![
         ("native", base.clone()),
-        ("adaptive", RunConfig { adaptive_px: Some(0.5), ..base.clone() }),
-        ("decoupled", RunConfig { method: Method::Decoupled, size: Some((12, 8)), ..base }),
+        ("adaptive", RunConfig { adaptive_px: Some(0.5), ..base }),
+        ("decoupled", decoupled.clone()),
+        ("stages on a device", RunConfig { compute: Compute::Gpu, sensor, ..decoupled }),
     ]
 }
 
