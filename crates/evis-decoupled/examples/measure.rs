@@ -10,6 +10,7 @@ use std::path::PathBuf;
 use evis_core::SensorConfig;
 use evis_core::metric::{ScoreSettings, score};
 use evis_decoupled::{Settings, simulate};
+use evis_scene::camera_motion::{CameraMotionSettings, moved};
 use evis_truth::{PixelChoice, TruthSettings, cached, truth};
 
 fn cpu_seconds() -> f64 {
@@ -34,7 +35,10 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let block_us = args.next().map_or(Ok(Settings::default().block_us), |v| v.parse())?;
     let step_px = args.next().map_or(Ok(Settings::default().step_px), |v| v.parse())?;
     let sensor = SensorConfig { threshold_on: threshold, threshold_off: threshold, ..Default::default() };
-    let scene = evis_scene::source::load(&name, 0)?;
+    let scene = std::sync::Arc::new(evis_scene::source::load(&name, 0)?);
+    // A model that rests gets the camera that orbits it elsewhere, too.
+    let motion = CameraMotionSettings { size, ..CameraMotionSettings::default() };
+    let scene = moved(&scene, &motion)?;
 
     let truth_settings = TruthSettings {
         sensor: sensor.clone(),

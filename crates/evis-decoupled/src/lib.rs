@@ -6,6 +6,7 @@
 //!
 //! | folder | holds |
 //! |---|---|
+//! | [`fours`] | numbers and vectors of four places at once |
 //! | [`packed`] | what a device that follows pixels is given of a block |
 //! | [`image`] | what pictures say: textures averaged over footprints, maps of materials at a place, light from all around |
 //! | [`scene`] | a scene as facets, convex planar polygons without holes; where the pixels of each tile look |
@@ -14,6 +15,7 @@
 //! | [`signal`] | a pixel's light over time: where it is evaluated, the path between, the thresholds that it crosses |
 //! | `run` | the loop over blocks, tiles and pixels, sensors with more stages than thresholds, and streams |
 
+pub mod fours;
 mod hash;
 pub mod image;
 pub mod packed;

@@ -3,6 +3,7 @@
 use evis_scene::environment::{CubeMap, Environment, FACES, cube_coordinates, cube_direction};
 use glam::{DVec3, Vec4};
 
+use crate::fours::{Four, parts, whole};
 use crate::packed::as_floats;
 
 /// What [`Environment::diffuse`] and [`Environment::reflection`] say.
@@ -41,6 +42,32 @@ impl Surroundings {
             return wide(value);
         }
         wide(value.lerp(levels[lower + 1].at(direction), blend as f32))
+    }
+
+    /// [`Surroundings::diffuse`] at four places.
+    #[inline(always)]
+    pub fn diffuse_of_four(&self, normal: Four) -> Four {
+        let Some(level) = self.irradiance.levels.first() else { return Four::default() };
+        CubePlaces::new(self.four_turned(normal)).on([level; 4])
+    }
+
+    /// [`Surroundings::reflection`] at four places.
+    #[inline(always)]
+    pub fn reflection_of_four(&self, direction: Four, roughness: Vec4) -> Four {
+        let levels = &self.specular.levels;
+        let Some(last) = levels.len().checked_sub(1) else { return Four::default() };
+        let places = CubePlaces::new(self.four_turned(direction));
+        let (lower, blend) = parts(roughness.clamp(Vec4::ZERO, Vec4::ONE) * last as f32);
+        let lower = lower.map(|number| (number as u32 as usize).min(last));
+        let sharper = places.on(lower.map(|number| &levels[number]));
+        let duller = places.on(lower.map(|number| &levels[(number + 1).min(last)]));
+        sharper + (duller - sharper) * blend
+    }
+
+    #[inline(always)]
+    fn four_turned(&self, v: Four) -> Four {
+        let [sin, cos] = self.turn.map(|v| v as f32);
+        Four { x: v.x * cos + v.z * sin, y: v.y, z: v.z * cos - v.x * sin }
     }
 
     fn turned(&self, v: DVec3) -> DVec3 {
@@ -82,6 +109,8 @@ struct Cube {
 
 struct Level {
     size: usize,
+    /// Half of it.
+    half: f32,
     /// Per face, rows of `size` + 2 texels.
     texels: Vec<Vec4>,
 }
@@ -130,7 +159,7 @@ impl Level {
                 }
             }
         }
-        Self { size, texels }
+        Self { size, half: 0.5 * size as f32, texels }
     }
 
     #[inline(always)]
@@ -141,12 +170,62 @@ impl Level {
         let (u, v) = ((s + 1.0) * half + 0.5, (t + 1.0) * half + 0.5);
         let (x, y) = ((u as usize).min(self.size), (v as usize).min(self.size));
         let (fx, fy) = ((u - x as f64) as f32, (v - y as f64) as f32);
+        self.between([face, y, x], [fx, fy])
+    }
+
+    /// Between the texels at (face, row, column) with its border and those after it, this far from the first.
+    #[inline(always)]
+    fn between(&self, [face, row, column]: [usize; 3], [fx, fy]: [f32; 2]) -> Vec4 {
         let stride = self.size + 2;
-        let first = (face * stride + y) * stride + x;
-        let (upper, lower) =
-            (&self.texels[first..first + 2], &self.texels[first + stride..first + stride + 2]);
+        let first = face.wrapping_mul(stride).wrapping_add(row).wrapping_mul(stride).wrapping_add(column);
+        let (upper, lower) = (&self.texels[first..][..2], &self.texels[first.wrapping_add(stride)..][..2]);
         let (a, b) = (upper[0].lerp(upper[1], fx), lower[0].lerp(lower[1], fx));
         a.lerp(b, fy)
+    }
+}
+
+/// Four places on the faces of a cube.
+struct CubePlaces {
+    face: [i32; 4],
+    s: Vec4,
+    t: Vec4,
+}
+
+impl CubePlaces {
+    /// Where four directions meet it, as [`cube_coordinates`] has it.
+    #[inline(always)]
+    fn new(direction: Four) -> Self {
+        let Four { x, y, z } = direction;
+        let (ax, ay, az) = (x.abs(), y.abs(), z.abs());
+        let on_z = az.cmpge(ax) & az.cmpge(ay);
+        let on_y = ay.cmpge(ax);
+        let of = |[on_x, on_y_face, on_z_face]: [Vec4; 3]| {
+            Vec4::select(on_z, on_z_face, Vec4::select(on_y, on_y_face, on_x))
+        };
+        let major = of([x, y, z]);
+        let behind = major.cmplt(Vec4::ZERO);
+        let flipped = |v: Vec4| Vec4::select(behind, -v, v);
+        let inverse = major.abs().max(Vec4::splat(f32::MIN_POSITIVE)).recip();
+        let s = of([flipped(-z), x, flipped(x)]) * inverse;
+        let t = of([-y, flipped(z), -y]) * inverse;
+        let face = of([0.0, 2.0, 4.0].map(Vec4::splat)) + Vec4::select(behind, Vec4::ONE, Vec4::ZERO);
+        Self { face: whole(face), s, t }
+    }
+
+    /// What each of four levels has there.
+    #[inline(always)]
+    fn on(&self, levels: [&Level; 4]) -> Four {
+        let half = Vec4::from_array(levels.map(|level| level.half));
+        // From the middle of the border's first texel.
+        let place = |v: Vec4| parts((v + 1.0) * half + 0.5);
+        let ((columns, fx), (rows, fy)) = (place(self.s), place(self.t));
+        let (fx, fy) = (fx.to_array(), fy.to_array());
+        let mut each = [Vec4::ZERO; 4];
+        for (k, texel) in each.iter_mut().enumerate() {
+            let at = [self.face[k], rows[k], columns[k]].map(|v| v as u32 as usize);
+            *texel = levels[k].between(at, [fx[k], fy[k]]);
+        }
+        Four::of(each)
     }
 }
 
@@ -185,6 +264,7 @@ mod tests {
         environment.intensity = 1.5;
         let found = Surroundings::new(&environment);
         let mut canary: f64 = 0.0;
+        let mut four = [(DVec3::ZERO, 0.0); 4];
         for k in 0..4000 {
             let f = f64::from(k);
             let z = 2.0 * ((f * 0.618_033_988_7).fract()) - 1.0;
@@ -208,6 +288,25 @@ mod tests {
                 );
             }
             canary = canary.max((found.diffuse(direction) - found.diffuse(-direction)).length());
+            // Four at once.
+            four[k as usize % 4] = (direction, roughness);
+            if k % 4 == 3 {
+                let directions = Four::of(four.map(|(direction, _)| direction.as_vec3().extend(0.0)));
+                let roughness = Vec4::from_array(four.map(|(_, roughness)| roughness as f32));
+                let pair =
+                    [found.diffuse_of_four(directions), found.reflection_of_four(directions, roughness)];
+                for (number, (direction, roughness)) in four.iter().enumerate() {
+                    let wanted = [found.diffuse(*direction), found.reflection(*direction, *roughness)];
+                    for (found, wanted) in pair.iter().zip(wanted) {
+                        let found = [found.x, found.y, found.z].map(|v| f64::from(v[number]));
+                        let off = (DVec3::from_array(found) - wanted).abs().max_element();
+                        assert!(
+                            off < 1e-3 * (1.0 + wanted.max_element()),
+                            "{direction}: {found:?}, not {wanted}"
+                        );
+                    }
+                }
+            }
         }
         assert!(canary > 0.1, "it is not the same all around: {canary}");
     }

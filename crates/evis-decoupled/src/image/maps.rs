@@ -1,9 +1,10 @@
 //! What a surface's normal, roughness, occlusion and emission maps say at a place.
 
 use evis_scene::{Material, Primitive, TextureRef};
-use glam::{DMat2, DVec2, DVec3};
+use glam::{DMat2, DVec2, Vec4};
 
-use crate::image::texture::{Places, Textures};
+use crate::fours::Four;
+use crate::image::texture::{About, Textures};
 use crate::packed;
 
 /// The maps of a material beside that of its base colour, which counts as one of them where there are others.
@@ -58,6 +59,7 @@ impl Maps {
             occlusion: place(self.occlusion),
             occlusion_strength: self.occlusion_strength,
             emission: place(self.emission),
+            is_joint: self.occlusion == self.metallic_roughness,
         }
     }
 }
@@ -97,10 +99,11 @@ impl Map {
         Some(Self { texture: texture.texture, origin: a, along: DMat2::from_cols(b - a, d - a) })
     }
 
-    /// As it is read where a place stands for `area` of (s, t).
-    fn reader<'t>(&self, textures: &'t Textures, area: f64) -> Option<(Self, Places<'t>)> {
-        let texels = (self.along.determinant() * area).abs().sqrt();
-        Some((*self, textures.places(self.texture, texels)?))
+    /// About `place`, as far as a footprint with the `sides` reaches, both in (s, t), of which a place that is read stands for
+    /// `part`.
+    #[inline(always)]
+    fn about<'t>(&self, textures: &'t Textures, place: DVec2, sides: DMat2, part: f64) -> Option<About<'t>> {
+        textures.about(self.texture, self.origin + self.along * place, self.along * sides, part)
     }
 }
 
@@ -114,6 +117,8 @@ pub struct FacetMaps {
     occlusion: Option<Map>,
     occlusion_strength: f64,
     emission: Option<Map>,
+    /// Occlusion is a channel of what has metallic and roughness, too.
+    is_joint: bool,
 }
 
 impl FacetMaps {
@@ -130,77 +135,74 @@ impl FacetMaps {
     }
 }
 
-/// What maps say at a place.
+/// What maps say at four places.
 #[derive(Clone, Copy, Debug)]
 pub struct Texels {
     /// Multiplies base colour.
-    pub base: DVec3,
+    pub base: Four,
     /// Along the tangent, the bitangent and the normal, of any length (glTF 2.0, 3.9.3).
-    pub normal: Option<DVec3>,
+    pub normal: Option<Four>,
     /// Multiplies metallic.
-    pub metallic: f64,
+    pub metallic: Vec4,
     /// Multiplies roughness.
-    pub roughness: f64,
+    pub roughness: Vec4,
     /// Part of the indirect light that arrives.
-    pub occlusion: f64,
+    pub occlusion: Vec4,
     /// Multiplies emission.
-    pub emission: DVec3,
+    pub emission: Option<Four>,
 }
 
 impl FacetMaps {
-    /// As they are read where a place stands for `area` of (s, t).
-    pub fn reader<'t>(&self, textures: &'t Textures, area: f64) -> MapReader<'t> {
-        let of = |map: &Option<Map>| map.and_then(|m| m.reader(textures, area));
-        MapReader {
+    /// About `place`, as far as a footprint with the `sides` reaches, both in (s, t), of which a place that is read stands for
+    /// `part`.
+    #[inline(always)]
+    pub fn about<'t>(&self, textures: &'t Textures, place: DVec2, sides: DMat2, part: f64) -> MapsAbout<'t> {
+        let of = |map: &Option<Map>| map.as_ref().and_then(|m| m.about(textures, place, sides, part));
+        MapsAbout {
             base: of(&self.base),
             normal: of(&self.normal),
-            normal_scale: self.normal_scale,
+            normal_scale: self.normal_scale as f32,
             metallic_roughness: of(&self.metallic_roughness),
-            occlusion: of(&self.occlusion),
-            occlusion_strength: self.occlusion_strength,
+            occlusion: if self.is_joint { None } else { of(&self.occlusion) },
+            is_joint: self.is_joint,
+            occlusion_strength: self.occlusion_strength as f32,
             emission: of(&self.emission),
         }
     }
-
-    /// Texels of the finest one along s and t; `None` where it has none.
-    pub fn finest(&self) -> Option<DMat2> {
-        [self.base, self.normal, self.metallic_roughness, self.occlusion, self.emission]
-            .into_iter()
-            .flatten()
-            .map(|map| map.along)
-            .max_by(|a, b| a.determinant().abs().total_cmp(&b.determinant().abs()))
-    }
 }
 
-/// The maps of a facet, read on levels of one detail.
-pub struct MapReader<'t> {
-    base: Option<(Map, Places<'t>)>,
-    normal: Option<(Map, Places<'t>)>,
-    normal_scale: f64,
-    metallic_roughness: Option<(Map, Places<'t>)>,
-    occlusion: Option<(Map, Places<'t>)>,
-    occlusion_strength: f64,
-    emission: Option<(Map, Places<'t>)>,
+/// The maps of a facet about a place.
+pub struct MapsAbout<'t> {
+    base: Option<About<'t>>,
+    normal: Option<About<'t>>,
+    normal_scale: f32,
+    metallic_roughness: Option<About<'t>>,
+    occlusion: Option<About<'t>>,
+    is_joint: bool,
+    occlusion_strength: f32,
+    emission: Option<About<'t>>,
 }
 
-impl MapReader<'_> {
-    /// At (s, t).
-    pub fn at(&self, place: DVec2) -> Texels {
-        let of = |map: &Option<(Map, Places)>| {
-            map.as_ref().map(|(map, places)| {
-                let [r, g, b, _] = places.at((map.origin + map.along * place).to_array());
-                DVec3::new(f64::from(r), f64::from(g), f64::from(b))
-            })
-        };
-        let surface = of(&self.metallic_roughness).unwrap_or(DVec3::ONE);
-        let scale = DVec3::new(self.normal_scale, self.normal_scale, 1.0);
+impl MapsAbout<'_> {
+    /// At four places: `s` and `t` are parts of the footprint's sides from its middle, -1/2 to 1/2.
+    #[inline(always)]
+    pub fn at(&self, s: Vec4, t: Vec4) -> Texels {
+        let of = |map: &Option<About>| map.as_ref().map(|map| map.at(s, t));
+        let surface = of(&self.metallic_roughness).unwrap_or(Four::ONE);
+        let occlusion =
+            if self.is_joint { surface.x } else { of(&self.occlusion).map_or(Vec4::ONE, |o| o.x) };
+        let scale = self.normal_scale;
         Texels {
-            base: of(&self.base).unwrap_or(DVec3::ONE),
-            normal: of(&self.normal).map(|n| (2.0 * n - 1.0) * scale),
+            base: of(&self.base).unwrap_or(Four::ONE),
+            normal: of(&self.normal).map(|n| Four {
+                x: (n.x * 2.0 - 1.0) * scale,
+                y: (n.y * 2.0 - 1.0) * scale,
+                z: n.z * 2.0 - 1.0,
+            }),
             metallic: surface.z,
             roughness: surface.y,
-            occlusion: of(&self.occlusion).map_or(1.0, |o| 1.0 + self.occlusion_strength * (o.x - 1.0)),
-            emission: of(&self.emission).unwrap_or(DVec3::ONE),
+            occlusion: (occlusion - 1.0) * self.occlusion_strength + 1.0,
+            emission: of(&self.emission),
         }
     }
 }

@@ -14,8 +14,9 @@ use std::sync::OnceLock;
 
 use evis_scene::texture::mip_chain;
 use evis_scene::{Scene, Texture, Wrap};
-use glam::{DVec2, DVec3, DVec4, Vec3, Vec4};
+use glam::{DMat2, DVec2, DVec3, DVec4, Vec2, Vec3, Vec4};
 
+use crate::fours::{Four, parts};
 use crate::packed;
 
 /// An edge is read at one place between two lines where its lean times the cube of its height there, over the footprint's
@@ -271,15 +272,34 @@ impl Textures {
         chain.and_then(|c| c.last()?.texels.first()).copied().unwrap_or([1.0; 4])
     }
 
-    /// Texture `number` at places, on the level whose texels are as large as `width` base texels or the next smaller one; `None`
-    /// where there are no texels.
-    pub fn places(&self, number: usize, width: f64) -> Option<Places<'_>> {
+    /// Texture `number` about the place `at` in base texels, as far as a footprint with the `sides` reaches, of which a place that is
+    /// read stands for `part`: on the level whose texels are as large as that or the next smaller one. `None` where there are no
+    /// texels.
+    #[inline(always)]
+    pub fn about(&self, number: usize, at: DVec2, sides: DMat2, part: f64) -> Option<About<'_>> {
         let texture = self.textures.get(number)?;
         let chain = self.chains.get(texture.image).filter(|c| !c.is_empty())?;
-        let number = if texture.nearest { 0 } else { (width.max(1.0).log2() as usize).min(chain.len() - 1) };
-        let level = &chain[number];
-        let scale = level.scale(&chain[0]);
-        Some(Places { level, texture, scale })
+        let area = sides.determinant().abs() * part;
+        let smaller = if texture.nearest { 0 } else { half_log2(area).min(chain.len() - 1) };
+        let level = &chain[smaller];
+        let scale = DVec2::from_array(level.scale(&chain[0]));
+        let middle = at * scale - 0.5;
+        let sides = DMat2::from_diagonal(scale) * sides;
+        let first = middle.to_array().map(floor);
+        let rest = middle - DVec2::new(f64::from(first[0]), f64::from(first[1]));
+        let turned = |k: usize, size: i32, wrap: Wrap| match wrap {
+            Wrap::Repeat if !(0..size).contains(&first[k]) => first[k].rem_euclid(size),
+            _ => first[k],
+        };
+        let first = [turned(0, level.width, texture.wrap_u), turned(1, level.height, texture.wrap_v)];
+        // A texel more than what interpolation and rounding take.
+        let reach = 0.5 * (sides.x_axis.abs() + sides.y_axis.abs()) + 2.0;
+        let within = |first: i32, reach: f64, size: i32| {
+            f64::from(first) - reach > 0.0 && f64::from(first) + 1.0 + reach < f64::from(size)
+        };
+        let inside = within(first[0], reach.x, level.width) && within(first[1], reach.y, level.height);
+        let [rest, p, q] = [rest, sides.x_axis, sides.y_axis].map(DVec2::as_vec2);
+        Some(About { level, texture, first, inside, rest, sides: [p, q] })
     }
 
     /// Mean of texture `texture` over the parallelogram about `at` with the sides `axes`, in base texels from the
@@ -342,32 +362,69 @@ fn packed_texel(texel: [f32; 4], most: f32) -> [u32; 2] {
     [part(0) | part(1) << 16, part(2)]
 }
 
-/// A level of a texture, read at places.
-#[derive(Clone, Copy)]
-pub struct Places<'a> {
-    level: &'a Level,
-    texture: &'a Texture,
-    scale: [f64; 2],
+/// The whole part of half of the logarithm of `v` to the base 2, 0 where that is less: bits say it on every machine alike.
+#[inline(always)]
+fn half_log2(v: f64) -> usize {
+    let exponent = (v.to_bits() >> 52) as usize & 0x7ff;
+    exponent.saturating_sub(1023) / 2
 }
 
-impl Places<'_> {
-    /// The texture at a place in base texels from the corner of the first one.
+/// A level of a texture about a place, to be read at four places at once.
+#[derive(Clone, Copy)]
+pub struct About<'a> {
+    level: &'a Level,
+    texture: &'a Texture,
+    /// The texel from which places count, and whether all that are near lie within the level.
+    first: [i32; 2],
+    inside: bool,
+    /// Where the middle is from there, and what the sides of the footprint are, in texels.
+    rest: Vec2,
+    sides: [Vec2; 2],
+}
+
+impl About<'_> {
+    /// Red, green and blue at four places: `s` and `t` are parts of the sides from the middle, -1/2 to 1/2.
     #[inline(always)]
-    pub fn at(&self, at: [f64; 2]) -> [f32; 4] {
-        let [x, y] = [0, 1].map(|k| at[k] * self.scale[k] - 0.5);
-        let mut texel = [0.0; 4];
+    pub fn at(&self, s: Vec4, t: Vec4) -> Four {
+        let [p, q] = self.sides;
+        let mut x = self.rest.x + s * p.x + t * q.x;
+        let mut y = self.rest.y + s * p.y + t * q.y;
         if self.texture.nearest {
-            self.level.nearest(x, y, self.texture, &mut texel);
-        } else if x >= 0.0
-            && y >= 0.0
-            && x < f64::from(self.level.width - 1)
-            && y < f64::from(self.level.height - 1)
-        {
-            texel = self.level.within(x, y);
-        } else {
-            self.level.bilinear(x, y, self.texture, &mut texel);
+            (x, y) = ((x + 0.5).floor(), (y + 0.5).floor());
         }
-        texel
+        let ((columns, wx), (rows, wy)) = (parts(x), parts(y));
+        let (wx, wy) = (wx.to_array(), wy.to_array());
+        let mut each = [Vec4::ZERO; 4];
+        for (k, texel) in each.iter_mut().enumerate() {
+            let [column, row] = [self.first[0].wrapping_add(columns[k]), self.first[1].wrapping_add(rows[k])];
+            let [a, b, c, d] = self.around(column, row);
+            let [a, b, c, d] = [a, b, c, d].map(|texel| Vec4::from_array(*texel));
+            let (upper, lower) = (a + (b - a) * wx[k], c + (d - c) * wx[k]);
+            *texel = upper + (lower - upper) * wy[k];
+        }
+        Four::of(each)
+    }
+
+    /// The texel at (column, row), the one after it in its line, and those of the next line.
+    #[inline(always)]
+    fn around(&self, column: i32, row: i32) -> [&[f32; 4]; 4] {
+        let texels = &self.level.texels;
+        if self.inside {
+            let width = self.level.width as usize;
+            let at = (row as u32 as usize).wrapping_mul(width).wrapping_add(column as u32 as usize);
+            let (upper, lower) = (&texels[at..][..2], &texels[at.wrapping_add(width)..][..2]);
+            return [&upper[0], &upper[1], &lower[0], &lower[1]];
+        }
+        self.wrapped(column, row)
+    }
+
+    #[inline(never)]
+    fn wrapped(&self, column: i32, row: i32) -> [&[f32; 4]; 4] {
+        let Level { width, height, texels } = self.level;
+        let columns = [column, column.wrapping_add(1)].map(|x| wrap_index(x, *width, self.texture.wrap_u));
+        let rows =
+            [row, row.wrapping_add(1)].map(|y| wrap_index(y, *height, self.texture.wrap_v) * *width as usize);
+        [0, 1, 2, 3].map(|k| &texels[rows[k / 2] + columns[k % 2]])
     }
 }
 
@@ -531,21 +588,6 @@ impl Level {
         [f64::from(self.width) / f64::from(base.width), f64::from(self.height) / f64::from(base.height)]
     }
 
-    /// Bilinear interpolant where all four texels exist.
-    #[inline(always)]
-    fn within(&self, x: f64, y: f64) -> [f32; 4] {
-        let (i, j) = (x as i32, y as i32);
-        let (wx, wy) = ((x - f64::from(i)) as f32, (y - f64::from(j)) as f32);
-        let width = self.width as usize;
-        let at = (j as u32 as usize).wrapping_mul(width).wrapping_add(i as u32 as usize);
-        let (upper, lower) = (&self.texels[at..][..2], &self.texels[at.wrapping_add(width)..][..2]);
-        std::array::from_fn(|c| {
-            let a = upper[0][c] + wx * (upper[1][c] - upper[0][c]);
-            let b = lower[0][c] + wx * (lower[1][c] - lower[0][c]);
-            a + wy * (b - a)
-        })
-    }
-
     /// Mean over a grid of places in the parallelogram about `middle`.
     fn places(&self, middle: [f64; 2], axes: [[f64; 2]; 2], texture: &Texture) -> [f32; 4] {
         let steps = axes.map(|axis| {
@@ -660,6 +702,44 @@ mod tests {
         let image = evis_scene::Image { name: "noise".into(), width: size, height: size, texels };
         let texture = Texture { image: 0, wrap_u: Wrap::Repeat, wrap_v: Wrap::Mirror, nearest: false };
         Scene { images: vec![image], textures: vec![texture], ..Scene::default() }
+    }
+
+    #[test]
+    fn four_places_are_read_as_one_is() {
+        let mut canary = 0;
+        for (wrap_u, wrap_v, nearest) in [
+            (Wrap::Repeat, Wrap::Mirror, false),
+            (Wrap::Mirror, Wrap::Clamp, false),
+            (Wrap::Clamp, Wrap::Repeat, true),
+        ] {
+            let mut scene = noise(64);
+            (scene.textures[0].wrap_u, scene.textures[0].wrap_v) = (wrap_u, wrap_v);
+            scene.textures[0].nearest = nearest;
+            let textures = Textures::new(&scene);
+            let read = if nearest { Level::nearest } else { Level::bilinear };
+            for i in 0..200 {
+                let f = f64::from(i);
+                // From magnified to four texels per place, a few of them far beyond the borders.
+                let size = [0.2, 1.0, 4.0, 16.0][i as usize % 4];
+                let at = DVec2::new(f * 7.31, f * 3.77 - 400.0) * if i % 9 == 0 { 1e3 } else { 0.1 };
+                let sides = DMat2::from_cols(DVec2::new(size, 0.3), DVec2::new(-0.4, 0.9 * size));
+                let about = textures.about(0, at, sides, 1.0 / 16.0).expect("a texture");
+                let number = if nearest { 0 } else { (0.24 * size).max(1.0).log2() as usize };
+                let level = &textures.chains[0][number];
+                let (s, t) = (Vec4::new(-0.5, -0.2, 0.1, 0.5), Vec4::new(0.3, -0.5, 0.5, 0.07));
+                let found = about.at(s, t);
+                for k in 0..4 {
+                    let place = at + sides * DVec2::new(f64::from(s[k]), f64::from(t[k]));
+                    let place = place * DVec2::from_array(level.scale(&textures.chains[0][0])) - 0.5;
+                    let mut wanted = [0.0; 4];
+                    read(level, place.x, place.y, &textures.textures[0], &mut wanted);
+                    let near = |found: f32| (found - wanted[0]).abs() < 1e-4;
+                    assert!(near(found.x[k]) && near(found.z[k]), "{i}, {k}: {} not {wanted:?}", found.x[k]);
+                    canary += usize::from(!near(found.x[(k + 1) % 4]));
+                }
+            }
+        }
+        assert!(canary > 1500, "{canary} unlike their neighbours");
     }
 
     #[test]

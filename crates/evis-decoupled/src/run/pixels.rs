@@ -197,7 +197,7 @@ impl<'t> Turn<'t, '_> {
     fn enter(self, lists: &'t Lists) -> Entered<'t> {
         let Self { world, lighting, pixels, block, jumps_next } = self;
         let taken = pixels.frames.as_mut().map(|frames| frames.taken(block, jumps_next));
-        Entered { pixels, evaluator: Evaluator { world, lists, lighting, block, once: false }, taken }
+        Entered { pixels, evaluator: Evaluator { world, lists, lighting, block }, taken }
     }
 }
 

@@ -480,7 +480,7 @@ impl Row {
             evaluator.enter_pixel(work, pixel);
             let slot = column * PIXELS + pixel;
             let path = self.paths[slot].get_or_insert_with(|| {
-                PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)
+                PixelPath::new(block.start_us, evaluator.luminance(work, entries, 0), thresholds)
             });
             let light = |unit: u32| evaluator.luminance(work, entries, unit);
             let events = &mut self.events;
@@ -513,7 +513,7 @@ impl Row {
             let (Some(activity), slot) = (&activities[pixel], column * PIXELS + pixel) else { continue };
             let path = self.paths[slot].get_or_insert_with(|| {
                 evaluator.enter_pixel(work, pixel);
-                PixelPath::new(block.start_us, evaluator.first_luminance(work, entries), thresholds)
+                PixelPath::new(block.start_us, evaluator.luminance(work, entries, 0), thresholds)
             });
             packed.stride = stride(block, *step_px, activity);
             packed.least = PixelPath::least(*step_px, activity);

@@ -78,15 +78,6 @@ impl PixelFrame {
         let [x, y] = self.vector(at);
         [self.middle[0] + x, self.middle[1] + y]
     }
-
-    /// Second moments xx, xy and yy of its own coordinates, in the tile's.
-    #[inline(always)]
-    pub fn moments(&self, [xx, xy, yy]: [f64; 3]) -> [f64; 3] {
-        let Some([p, q]) = &self.axes else { return [xx, xy, yy] };
-        let moment =
-            |i: usize, j: usize| p[i] * p[j] * xx + (p[i] * q[j] + q[i] * p[j]) * xy + q[i] * q[j] * yy;
-        [moment(0, 0), moment(0, 1), moment(1, 1)]
-    }
 }
 
 /// The pixels of a tile, as the picture without distortion has them.
@@ -128,7 +119,7 @@ impl TileView {
     }
 
     /// Pixels about a point of the picture itself.
-    pub fn about([x, y]: [f64; 2]) -> Self {
+    fn about([x, y]: [f64; 2]) -> Self {
         Self {
             map: DMat3::from_translation(DVec2::new(-x, -y)),
             inverse: DMat3::from_translation(DVec2::new(x, y)),

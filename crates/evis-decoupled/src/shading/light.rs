@@ -30,7 +30,7 @@ use crate::shading::bounds::{Bounds, ranges};
 use crate::shading::cache::Cache;
 use crate::shading::material::{self, Around, Lamp, Response, respond};
 use crate::shading::moments::{self, FacetAt, Times};
-use crate::shading::pages::{Pages, Picture};
+use crate::shading::places::{LightsOverTime, MappedFacet};
 use crate::shading::shadow::{Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::visibility::blocks::{Block, Clock};
 use crate::visibility::coverage::{Moments, Polygon, Polygons};
@@ -56,7 +56,7 @@ const PARTLY_LIT: std::ops::Range<f64> = 0.001..0.99;
 pub const SKY_DENSITY: f64 = 3.0;
 /// See there.
 pub const SKY_PLACES: u32 = 6;
-/// Places along either side of a footprint on a surface with maps, where there is no picture.
+/// Places along either side of what a pixel sees of a surface with maps.
 pub const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.
 const WHOLE: PixelFrame = PixelFrame::square([0.0; 2]);
@@ -162,6 +162,9 @@ pub struct Lighting<'a> {
     corners: Vec<[Corners; 2]>,
     /// Per surface with maps, tangents and signs of bitangents, likewise.
     tangents: Vec<[Vec<(DVec3, f64)>; 2]>,
+    /// The eye and lamps during the block, and facets with maps, made when they are first needed; where any surface has maps.
+    lights_over_time: LightsOverTime,
+    mapped: Vec<OnceLock<Box<MappedFacet>>>,
     /// Keys of the block's start and end.
     borders: [u64; 2],
     patches: Cache<Key, Patch>,
@@ -218,13 +221,6 @@ pub struct TileLight {
     line_starts: Vec<u32>,
     /// Half planes about the tile's centre.
     lines: Vec<[Line; 5]>,
-    /// Whose pages are rendered, and these.
-    pictures: Vec<Picture>,
-    pages: Pages,
-    /// The pixel in work is evaluated once: rendering pages would not pay.
-    once: bool,
-    /// By moment and slot: from the screen to its picture.
-    warps: Vec<Option<DMat3>>,
     texels: CellMeans,
 }
 
@@ -247,13 +243,6 @@ impl CellMeans {
         let [x, y] = [pixel % TILE, pixel / TILE];
         let known = self.pixels >> pixel & 1 == 1;
         known.then(|| self.cells.means[(y - self.first[1]) * self.columns + x - self.first[0]].to_array())
-    }
-}
-
-impl TileLight {
-    /// Says whether the next pixel is evaluated once only, and returns what was said before.
-    pub fn enter_pixel(&mut self, once: bool) -> bool {
-        std::mem::replace(&mut self.once, once)
     }
 }
 
@@ -310,9 +299,6 @@ struct Slot {
     level: [u32; 2],
     /// Pixels that may see it.
     touches: u64,
-    /// Whether it was decided on its pictures, one per interval, and the number of the first in [`TileLight::pictures`].
-    pictured: bool,
-    picture: Option<u32>,
 }
 
 /// What all views of a scene share: its textures and its indirect light.
@@ -388,6 +374,8 @@ impl<'a> Lighting<'a> {
             own: Vec::new(),
             corners: Vec::new(),
             tangents: Vec::new(),
+            lights_over_time: LightsOverTime::default(),
+            mapped: Vec::new(),
             borders: [0; 2],
             patches: Cache::default(),
             shadowed: Cache::default(),
@@ -450,6 +438,11 @@ impl<'a> Lighting<'a> {
         }
         self.frames = Some(frames);
         self.times = Times::new(*block);
+        if self.answers.iter().any(|answer| answer.maps.is_some()) {
+            self.lights_over_time = self.lights_over_time();
+            self.mapped.clear();
+            self.mapped.resize_with(world.facets.len(), OnceLock::new);
+        }
         self.prepare_shadows(clock, first)?;
         let seen = world.scene.environment.as_ref().is_some_and(|e| e.visible);
         self.sky = seen.then(|| Sky {
@@ -469,9 +462,6 @@ impl<'a> Lighting<'a> {
     pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], place: [usize; 2]) {
         tile.slots.clear();
         tile.slots.extend(entries.iter().map(|e| Slot { touches: e.touches, ..Slot::default() }));
-        tile.pictures.clear();
-        tile.pages.enter_tile(self.block);
-        tile.warps.clear();
         tile.patches.clear();
         tile.bounds.clear();
         tile.occluders.clear();
@@ -487,7 +477,7 @@ impl<'a> Lighting<'a> {
         }
     }
 
-    /// Finds what throws shadows on entry `slot`, and where its light is rendered; before its light is asked for.
+    /// Finds what throws shadows on entry `slot`; before its light is asked for.
     #[inline(always)]
     pub fn shade_slot(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
         if !tile.slots[slot].shaded {
@@ -495,11 +485,6 @@ impl<'a> Lighting<'a> {
             self.find_occluders(tile, &mut own, record, index, Casters::Still);
             own.shaded = true;
             tile.slots[slot] = own;
-        }
-        if !tile.slots[slot].pictured && !tile.once {
-            tile.slots[slot].pictured = true;
-            let intervals = tile.slots[slot].intervals;
-            tile.slots[slot].picture = self.pictures(tile, record, index, intervals);
         }
     }
 

@@ -14,10 +14,8 @@ use evis_scene::{LightKind, Scene, ShadingModel};
 use glam::{DQuat, DVec3};
 
 use crate::image::environment::Surroundings;
-use crate::packed;
 use crate::scene::facets::wide;
 use crate::scene::world::Frame;
-use crate::visibility::lists::powers;
 
 /// Rec. ITU-R BT.709-6, item 3.2.
 pub const LUMINANCE: DVec3 = DVec3::from_array(LUMINANCE_WEIGHTS);
@@ -49,13 +47,18 @@ impl Response {
 /// A light at a time.
 #[derive(Clone, Copy, Debug)]
 pub struct Lamp {
-    kind: LightKind,
+    /// What it is.
+    pub kind: LightKind,
     /// World position; meaningless for a directional light.
     pub position: DVec3,
-    direction: DVec3,
-    strength: DVec3,
-    range: Option<f64>,
-    cone: Option<[f64; 2]>,
+    /// Unit vector along which it shines.
+    pub direction: DVec3,
+    /// Irradiance of a directional light, else intensity, per channel.
+    pub strength: DVec3,
+    /// How far it reaches.
+    pub range: Option<f64>,
+    /// Scale and shift of its cone, see KHR_lights_punctual.
+    pub cone: Option<[f64; 2]>,
     /// Its shadows are looked for; point lights throw none.
     pub casts_shadow: bool,
     /// It may be elsewhere at another time.
@@ -151,8 +154,10 @@ pub struct Point {
 
 /// Indirect light.
 pub struct Around {
-    ambient: DVec3,
-    surroundings: Option<Surroundings>,
+    /// Radiance from everywhere.
+    pub ambient: DVec3,
+    /// The environment's.
+    pub surroundings: Option<Surroundings>,
 }
 
 impl Around {
@@ -164,7 +169,7 @@ impl Around {
 }
 
 impl Around {
-    /// Appends what a device needs of it, see [`packed::Textures::around`].
+    /// Appends what a device needs of it, see [`crate::packed::Textures::around`].
     pub fn pack(&self, rows: &mut Vec<[f32; 4]>) {
         let first = rows.len();
         let [r, g, b] = self.ambient.to_array().map(|v| v as f32);
@@ -175,31 +180,6 @@ impl Around {
             rows.extend(split_sums().chunks(2).map(|pair| [pair[0][0], pair[0][1], pair[1][0], pair[1][1]]));
         }
     }
-}
-
-impl Lamp {
-    /// Rows of a device at the start, middle and end of a block, which are quadratics of time, see [`packed::LIGHT_ROWS`].
-    pub fn pack(at: [&Self; 3], own: u32) -> [[f32; 4]; packed::LIGHT_ROWS] {
-        let [first, ..] = at;
-        let has_place = f32::from(u8::from(first.kind != LightKind::Directional));
-        let [scale, shift] = first.cone.unwrap_or_default().map(|v| v as f32);
-        let range = first.range.map_or(0.0, |range| range as f32);
-        let mut rows = [[0.0; 4]; packed::LIGHT_ROWS];
-        let own = f32::from_bits(own);
-        rows[..3].copy_from_slice(&over_time(at.map(|lamp| lamp.position), has_place));
-        rows[3..6].copy_from_slice(&over_time(at.map(|lamp| lamp.direction), range));
-        rows[6..9].copy_from_slice(&over_time(at.map(|lamp| lamp.strength), own));
-        rows[9] = [scale, shift, f32::from(u8::from(first.cone.is_some())), 0.0];
-        rows
-    }
-}
-
-/// Rows of the quadratic of time that goes through what is there at the start, middle and end of a block; `last` is the last number
-/// of the first one.
-pub fn over_time(at: [DVec3; 3], last: f32) -> [[f32; 4]; 3] {
-    let row = |v: DVec3, last: f32| [v.x as f32, v.y as f32, v.z as f32, last];
-    let [a, b, c] = powers(at);
-    [row(a, last), row(b, 0.0), row(c, 0.0)]
 }
 
 /// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between.
@@ -325,7 +305,8 @@ fn split_sum(n_dot_v: f64, roughness: f64) -> [f64; 2] {
     })
 }
 
-fn split_sums() -> &'static [[f32; 2]] {
+/// [`SPLIT_SUM`] squared pairs of the split sum.
+pub fn split_sums() -> &'static [[f32; 2]] {
     static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
     TABLE.get_or_init(|| brdf_lut(SPLIT_SUM))
 }

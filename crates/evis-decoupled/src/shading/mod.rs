@@ -2,9 +2,8 @@
 
 pub mod bounds;
 pub mod cache;
-pub mod keyframe;
 pub mod light;
 pub mod material;
 pub mod moments;
-pub mod pages;
+pub mod places;
 pub mod shadow;

@@ -80,7 +80,7 @@ impl TileSignal {
         seen().for_each(|pixel| evaluator.expect(work, pixel, 1));
         for pixel in seen() {
             evaluator.enter_pixel(work, pixel);
-            first[pixel] = evaluator.first_luminance(work, entries);
+            first[pixel] = evaluator.luminance(work, entries, 0);
         }
         seen().for_each(|pixel| evaluator.expect(work, pixel, 0));
         (first, seen().count() as u64)

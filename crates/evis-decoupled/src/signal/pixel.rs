@@ -31,8 +31,6 @@ pub struct Evaluator<'a> {
     pub lighting: &'a Lighting<'a>,
     /// The block.
     pub block: Block,
-    /// Each pixel is evaluated at one time only.
-    pub once: bool,
 }
 
 /// A facet of a tile at a time.
@@ -68,8 +66,6 @@ pub struct Work {
     view: TileView,
     /// Per pixel, where in `own` its entries are.
     owns: [[u32; 2]; PIXELS],
-    /// Pixels of which nothing changes.
-    still: u64,
     /// Pixels in which nothing is seen of what lies behind everything.
     filled: u64,
     /// Per pixel, every how many units it is surely evaluated; 0 for never.
@@ -113,7 +109,6 @@ impl Default for Work {
         Self {
             view: TileView::default(),
             owns: [[0; 2]; PIXELS],
-            still: 0,
             filled: 0,
             strides: [0; PIXELS],
             layers: Vec::new(),
@@ -167,7 +162,6 @@ impl Evaluator<'_> {
         work.filled = list.filled;
         work.view = self.world.tile(tile);
         work.own.clear();
-        work.still = 0;
         work.strides.fill(0);
         work.layers.clear();
         work.layer_of.clear();
@@ -199,7 +193,6 @@ impl Evaluator<'_> {
     /// Goes on to pixel number `pixel` of the tile, whose activity is known.
     pub fn enter_pixel(&self, work: &mut Work, pixel: usize) {
         work.pixel = pixel;
-        work.light.enter_pixel(self.once || work.still >> pixel & 1 == 1);
     }
 
     /// Says that pixel number `pixel` will be evaluated at all multiples of `stride` units.
@@ -235,7 +228,6 @@ impl Evaluator<'_> {
             activity.motion_px = activity.motion_px.max(work.background_motion);
         }
         work.owns[pixel] = [from, work.own.len()].map(|v| v as u32);
-        work.still |= u64::from(activity.still) << pixel;
         activity
     }
 
@@ -283,7 +275,6 @@ impl Evaluator<'_> {
         if (mapped != 0 && (bent || !packer.has_maps())) || (bent && self.lists.depths.far.is_finite()) {
             return None;
         }
-        work.light.enter_pixel(false);
         let mut numbers = vec![0; entries.len()];
         for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| seen(entry)) {
             let of = (record(entry), entry.record);
@@ -405,7 +396,6 @@ impl Evaluator<'_> {
             work.touched.push(seen);
         }
         let mut luminance = [f64::NAN; PIXELS];
-        let once = work.light.enter_pixel(self.once);
         for k in 0..work.whole.len() {
             let (slot, number, mut alone) = work.whole[k];
             let sight = &work.sights[number as usize];
@@ -423,17 +413,8 @@ impl Evaluator<'_> {
                 self.lighting.of_pixels(&mut work.light, (slot, sight), alone, at, &mut luminance);
             }
         }
-        work.light.enter_pixel(once);
         work.layers.push(Layer { luminance, touched });
         work.layer_of[at.moment] = work.layers.len() as u32;
-    }
-
-    /// Mean luminance of the pixel at the block's start, as a picture of that time alone has it.
-    pub fn first_luminance(&self, work: &mut Work, entries: &[Entry]) -> f64 {
-        let once = work.light.enter_pixel(true);
-        let luminance = self.luminance(work, entries, 0);
-        work.light.enter_pixel(once);
-        luminance
     }
 
     /// Mean luminance of the pixel in work at `unit` of [`UNITS`] of the block; `entries` are those of its tile.
@@ -531,7 +512,7 @@ mod tests {
         let lists = Lists::new(&world, &mut clock).unwrap();
         let mut lighting = Lighting::new(&world, &Shared::new(scene));
         lighting.prepare(&mut clock, &block).unwrap();
-        let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block, once: false };
+        let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block };
         let mut work = Work::default();
         let (mut out, mut together) = (Vec::new(), 0);
         for row in 0..lists.row_count() {
@@ -573,8 +554,7 @@ mod tests {
             let lists = Lists::new(&world, &mut clock).unwrap();
             let mut lighting = Lighting::new(&world, &Shared::new(scene));
             lighting.prepare(&mut clock, &block).unwrap();
-            let evaluator =
-                Evaluator { world: &world, lists: &lists, lighting: &lighting, block, once: false };
+            let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block };
             let mut work = Work::default();
             // Pixels that move, and those of them of which bounds say that light stays within a fifth of itself.
             let (mut count, mut near) = (0, 0);

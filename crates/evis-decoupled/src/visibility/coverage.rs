@@ -244,7 +244,7 @@ impl Moments {
 
     /// Centroid, and second moments xx, xy and yy about it over the area.
     #[inline(always)]
-    pub fn central(&self) -> ([f64; 2], [f64; 3]) {
+    fn central(&self) -> ([f64; 2], [f64; 3]) {
         let inverse = 1.0 / self.area;
         let [x, y] = self.first.map(|v| v * inverse);
         let [xx, xy, yy] = self.second.map(|v| v * inverse);

@@ -2,7 +2,7 @@
 #import decoupled/texture.wgsl
 #import common/luminance.wgsl
 // Light of surfaces with normal, roughness, occlusion or emission maps: shaded at a grid of places of what a pixel sees. Twins:
-// `maps_in_places` and `of_maps` of `shading/light/maps.rs`, `shading/material.rs` and `image/environment.rs` of evis-decoupled.
+// `shading/light/maps.rs`, `shading/places.rs`, `image/maps.rs` and `image/environment.rs` of evis-decoupled.
 
 // Places along either side of a footprint.
 const MAP_PLACES: u32 = 4u;

@@ -1,145 +1,91 @@
-//! Light of surfaces with maps: shaded into pages, and read from them.
+//! Light of surfaces with maps: shaded at places of what a pixel sees, at the time of an evaluation.
 
-use glam::{DMat2, DVec2, DVec3};
+use evis_scene::Eye;
+use glam::{DMat2, DVec2, DVec3, Vec4};
 
 use super::{Instant, Lighting, MOST_OWN, Mapped, PLACES, Part, TileLight};
-use crate::image::maps::MapReader;
-use crate::shading::keyframe::{self, Footprint, Keyframe, MOST_PLANES};
-use crate::shading::material::{self, Response, respond};
-use crate::shading::moments::{FacetAt, interval_of};
-use crate::shading::pages::{BEYOND_PX, Picture};
-use crate::visibility::lists::Record;
+use crate::fours::Four;
+use crate::shading::material;
+use crate::shading::moments::FacetAt;
+use crate::shading::places::{LampOverTime, LightsOverTime, MappedFacet, OverTime, Points, Sent};
+
+/// Where they are, as parts of the side from its middle.
+const STEPS: [f32; PLACES as usize] = [-0.375, -0.125, 0.125, 0.375];
+
+/// Means over what a pixel sees of a facet.
+struct Means {
+    /// Light of what no shadow falls on, and of each lamp that is kept apart.
+    light: [f64; 1 + MOST_OWN],
+    /// Luminance of base colour.
+    base: f64,
+    /// What of all light is proportional to that.
+    proportional: f64,
+    /// What it sends itself.
+    glow: f64,
+}
+
+/// A vector that is linear on a facet: in the middle of a footprint, and its change along the footprint's sides.
+struct Linear([Four; 3]);
+
+impl Linear {
+    /// Less `origin`, of values at (s, t) = (0, 0), (1, 0) and (0, 1).
+    #[inline(always)]
+    fn about([a, b, d]: [DVec3; 3], origin: DVec3, place: [f64; 2], sides: &DMat2) -> Self {
+        let (along_s, along_t) = (b - a, d - a);
+        let change = |side: DVec2| Four::splat(along_s * side.x + along_t * side.y);
+        let middle = (a - origin) + along_s * place[0] + along_t * place[1];
+        Self([Four::splat(middle), change(sides.x_axis), change(sides.y_axis)])
+    }
+
+    #[inline(always)]
+    fn at(&self, s: Vec4, t: Vec4) -> Four {
+        let [middle, p, q] = self.0;
+        middle + p * s + q * t
+    }
+}
 
 impl Lighting<'_> {
-    /// Light of a facet with maps at (s, t): of all channels, at one moment or two.
-    pub(super) fn shade_maps(
-        &self,
-        facet: u32,
-        (mapped, maps): (&Mapped, &MapReader),
-        place: [f64; 2],
-        moments: &[FacetAt],
-        out: &mut [[f32; 4]; MOST_PLANES],
-    ) {
-        let surface = self.world.facets[facet as usize].surface as usize;
-        let look = &self.looks[facet as usize];
-        let texels = maps.at(DVec2::from_array(place));
-        let base = (look.base + look.base_along[0] * place[0] + look.base_along[1] * place[1]) * texels.base;
-        let glow = material::LUMINANCE.dot(mapped.emissive * texels.emission);
-        let (lamps, channels) = (self.own.len(), self.channels(surface));
-        let planes = channels.div_ceil(4);
-        for (end, moment) in moments.iter().enumerate() {
-            self.shaded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-            let mut point = moment.point(place);
-            point.metallic = (mapped.metallic * texels.metallic).clamp(0.0, 1.0);
-            point.roughness = (mapped.roughness * texels.roughness).clamp(0.0, 1.0);
-            (point.occlusion, point.mean_base) = (texels.occlusion, base);
-            if let (Some(local), [tangent, bitangent]) =
-                (texels.normal, tangent_frame(moment, place, point.normal))
-                && tangent != DVec3::ZERO
-            {
-                let side = moment.side;
-                let mapped = tangent * local.x + bitangent * local.y + point.normal * (side * local.z);
-                point.normal = mapped.normalize_or(point.normal * side) * side;
-            }
-            let mut responses = [Response::default(); 1 + MOST_OWN];
-            respond(&point, moment.lamps, &self.own, &self.shared.around, &mut responses);
-            let mut set =
-                |channel: usize, value: f64| out[end * planes + channel / 4][channel % 4] = value as f32;
-            let mut diffuse = 0.0;
-            for (channel, response) in responses[..=lamps].iter().enumerate() {
-                let proportional = response.linear.dot(base);
-                diffuse += proportional;
-                set(channel, proportional + response.constant);
-            }
-            set(channels - 2, material::LUMINANCE.dot(base));
-            set(channels - 1, diffuse);
-            if channels > lamps + 3 {
-                set(lamps + 1, glow);
-            } else {
-                out[end * planes][0] += glow as f32;
-            }
-        }
-    }
-
-    /// Values that light of a surface with maps has: of what no shadow falls on, of each of [`Lighting::own`], of its own glow
-    /// where that changes, the luminance of its base colour, and what of all light is proportional to that.
-    pub(super) fn channels(&self, surface: usize) -> usize {
-        3 + self.own.len() + usize::from(self.answers[surface].waveform.is_some())
-    }
-
-    /// Where light of entry `slot`, which is `record`, number `index` of the block, is rendered, if it has maps: the number of
-    /// the first of as many pictures as its light has `intervals`.
-    pub(super) fn pictures(
-        &self,
-        tile: &mut TileLight,
-        record: &Record,
-        index: u32,
-        intervals: u32,
-    ) -> Option<u32> {
-        let surface = self.world.facets[record.facet as usize].surface as usize;
-        self.answers[surface].maps.as_ref()?;
-        let picture = Picture::new(record, index, self.world.seen(), &self.depths)?;
-        let first = tile.pictures.len() as u32;
-        tile.pictures.extend((0..intervals.max(1)).map(|interval| picture.during(interval, intervals)));
-        Some(first)
-    }
-
-    /// Where the part's footprint lies on its picture at a moment, and that picture; `None` where it has none.
-    #[inline(always)]
-    pub(super) fn footprint(
-        &self,
-        tile: &mut TileLight,
-        part: &Part,
-        at: &Instant,
-    ) -> Option<(Footprint, Picture)> {
-        let slot = &tile.slots[part.slot];
-        let first = slot.picture.filter(|_| !tile.once)?;
-        let picture = tile.pictures[(first + interval_of(at.u, slot.intervals).0) as usize];
-        let index = at.moment * tile.slots.len() + part.slot;
-        if tile.warps.len() <= index {
-            tile.warps.resize((at.moment + 1) * tile.slots.len(), None);
-        }
-        let warp =
-            tile.warps[index].get_or_insert_with(|| picture.image_from_facet * part.sight.facet_from_image());
-        let (centre, moments) = part.moments.central();
-        let place = DVec2::from_array(part.frame.point(centre));
-        Some((Footprint::under(warp, place, part.frame.moments(moments))?, picture))
-    }
-
-    /// A facet at the moments between which its light is in an interval: one where it does not change.
-    fn moments(&self, facet: u32, front: bool, interval: u32, intervals: u32) -> Vec<FacetAt<'_>> {
-        let of = |time: u32| self.facet_at(facet, front, self.moment_of(time, intervals).1);
-        if intervals == 0 { vec![of(0)] } else { vec![of(interval), of(interval + 1)] }
-    }
-
-    /// Renders a page of the light of a facet with maps.
-    pub(super) fn light_page(
-        &self,
-        facet: u32,
-        mapped: &Mapped,
-        picture: &Picture,
-        rect: [f64; 4],
-        sums: &mut Vec<[f32; 4]>,
-    ) -> Option<Keyframe> {
-        let f = &self.world.facets[facet as usize];
-        let maps = mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners);
-        let moments = self.moments(facet, picture.front, picture.interval, picture.intervals);
-        let planes = self.channels(f.surface as usize).div_ceil(4) * moments.len();
-        // Footprints reach a little beyond the facet.
-        let outline = f.outline(self.world.primitive(f.surface));
-        let lines = keyframe::outline(&picture.image_from_facet, &outline, BEYOND_PX);
-        let mut reader = None;
-        let shade = |place: [f64; 2], area: f64, out: &mut [[f32; 4]; MOST_PLANES]| {
-            let reader = reader.get_or_insert_with(|| maps.reader(&self.shared.textures, area));
-            self.shade_maps(facet, (mapped, reader), place, &moments, out);
+    /// The eye and lamps during the block in work.
+    pub(super) fn lights_over_time(&self) -> LightsOverTime {
+        let at = [0.0, 0.5, 1.0].map(|u| self.scene_at(u));
+        let eye = |way: Eye| match way {
+            Eye::At(place) => place,
+            Eye::Along(way) => way,
         };
-        Keyframe::of_light(picture.image_from_facet, (maps.finest(), &lines), rect, planes, sums, shade)
+        let eyes = at.map(|(frame, _)| frame.map_or(DVec3::ZERO, |frame| eye(frame.eye)));
+        let lamp = |number: usize| {
+            let own = self.own.iter().position(|own| *own == number).map_or(0, |own| own + 1);
+            LampOverTime::new(at.map(|(_, lamps)| &lamps[number]), own)
+        };
+        LightsOverTime {
+            eye: OverTime::through(eyes),
+            is_parallel: at[0].0.is_some_and(|frame| matches!(frame.eye, Eye::Along(_))),
+            lamps: (0..self.lamps[0].len()).map(lamp).collect(),
+        }
+    }
+
+    /// A facet with maps during the block in work.
+    pub(super) fn mapped_facet(&self, mapped: &Mapped, facet: u32) -> &MappedFacet {
+        self.mapped[facet as usize].get_or_init(|| {
+            let at = [0.0, 0.5, 1.0].map(|u| self.facet_at(facet, true, u));
+            let of = |get: fn(&FacetAt, usize) -> DVec3| {
+                [0, 1, 2].map(|corner| OverTime::through(at.each_ref().map(|at| get(at, corner))))
+            };
+            let f = &self.world.facets[facet as usize];
+            Box::new(MappedFacet {
+                positions: of(|at, corner| at.corners[corner].0),
+                normals: of(|at, corner| at.corners[corner].1),
+                tangents: of(|at, corner| at.tangents[corner].0),
+                signs: at[0].tangents.map(|(_, sign)| sign),
+                maps: mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners),
+            })
+        })
     }
 
     /// Luminance per area of entry `part.slot` with maps over `part.moments`; `base` is the mean of its base colour there, where a
     /// texture says so.
     ///
-    /// Cells are too few for the detail of a texture. So what they have of its luminance is replaced by its exact mean, in the
+    /// Places are too few for the detail of a texture. So what they have of its luminance is replaced by its exact mean, in the
     /// part of the light that is proportional to it (a control variate).
     pub(super) fn of_maps(
         &self,
@@ -149,92 +95,115 @@ impl Lighting<'_> {
         at: &Instant,
         base: Option<DVec3>,
     ) -> f64 {
-        let facet = part.sight.facet;
-        let surface = self.world.facets[facet as usize].surface as usize;
-        let intervals = tile.slots[part.slot].intervals;
-        let (ends, channels) = (if intervals == 0 { 1 } else { 2 }, self.channels(surface));
-        let (interval, within) = interval_of(at.u, intervals);
-        let groups = channels.div_ceil(4);
-        let pictured = self.footprint(tile, part, at).and_then(|(footprint, picture)| {
-            let render = |rect: [f64; 4], sums: &mut Vec<[f32; 4]>| {
-                self.light_page(facet, mapped, &picture, rect, sums)
-            };
-            let (page, sums) = tile.pages.about(&picture, footprint.at, render)?;
-            let mut planes = [[0.0; 4]; MOST_PLANES];
-            match ends * groups {
-                1 => planes[..1].copy_from_slice(&page.means::<1>(sums, &footprint)?),
-                2 => planes[..2].copy_from_slice(&page.means::<2>(sums, &footprint)?),
-                3 => planes[..3].copy_from_slice(&page.means::<3>(sums, &footprint)?),
-                4 => planes[..4].copy_from_slice(&page.means::<4>(sums, &footprint)?),
-                _ => planes = page.means::<MOST_PLANES>(sums, &footprint)?,
-            }
-            Some(planes)
-        });
-        let planes = pictured.unwrap_or_else(|| self.maps_in_places(mapped, part, [interval, intervals]));
-        let value = |channel: usize| {
-            let of = |end: usize| f64::from(planes[end * groups + channel / 4][channel % 4]);
-            if ends == 1 { of(0) } else { of(0) + (of(1) - of(0)) * within }
-        };
-        let mut sum = value(0);
-        let mut whole = sum;
-        for number in 0..self.own.len() {
-            let light = value(1 + number);
+        let means = self.shade_places(mapped, part, at.u);
+        let (mut sum, mut whole) = (means.light[0], means.light[0]);
+        for (number, light) in means.light[1..=self.own.len()].iter().enumerate() {
             whole += light;
-            if light > 0.0 {
+            if *light > 0.0 {
                 sum += self.arriving(tile, part, at, number).0 * light;
             }
         }
-        let [luma, diffuse] = [channels - 2, channels - 1].map(value);
+        let surface = self.world.facets[part.sight.facet as usize].surface as usize;
+        let waveform = self.answers[surface].waveform;
+        if waveform.is_none() {
+            sum += means.glow;
+            whole += means.glow;
+        }
         if let Some(base) = base
-            && luma > 0.0
+            && means.base > 0.0
             && whole > 0.0
         {
-            let off = (material::LUMINANCE.dot(base) / luma - 1.0).clamp(-0.5, 1.0);
-            sum *= 1.0 + off * (diffuse / whole).clamp(0.0, 1.0);
+            let off = (material::LUMINANCE.dot(base) / means.base - 1.0).clamp(-0.5, 1.0);
+            sum *= 1.0 + off * (means.proportional / whole).clamp(0.0, 1.0);
         }
-        if let Some(waveform) = self.answers[surface].waveform {
-            sum += waveform.factor(at.t_s) * value(1 + self.own.len());
-        }
-        sum
+        sum + waveform.map_or(0.0, |waveform| waveform.factor(at.t_s) * means.glow)
     }
 
-    /// The same where there is no picture: the mean over a grid of places.
-    pub(super) fn maps_in_places(
-        &self,
-        mapped: &Mapped,
-        part: &Part,
-        [interval, intervals]: [u32; 2],
-    ) -> [[f32; 4]; MOST_PLANES] {
+    /// What entry `part.slot` with maps sends, over a grid of places.
+    fn shade_places(&self, mapped: &Mapped, part: &Part, u: f64) -> Means {
         let facet = part.sight.facet;
-        let moments = self.moments(facet, part.sight.front, interval, intervals);
-        let f = &self.world.facets[facet as usize];
-        let maps = mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners);
+        let own = self.mapped_facet(mapped, facet);
         let (centre, axes) = part.moments.footprint();
         let (place, change) = part.sight.parameters(part.frame.point(centre));
         let axes = axes.map(|axis| part.frame.vector(axis));
-        let along = DMat2::from_cols_array_2d(&change) * DMat2::from_cols_array_2d(&axes);
-        let count = f64::from(PLACES * PLACES);
-        let maps = maps.reader(&self.shared.textures, along.determinant().abs() / count);
-        let mut sum = [[0.0; 4]; MOST_PLANES];
-        for k in 0..PLACES * PLACES {
-            let step = |k: u32| (f64::from(k) + 0.5) / f64::from(PLACES) - 0.5;
-            let at = DVec2::from_array(place) + along * DVec2::new(step(k % PLACES), step(k / PLACES));
-            let mut planes = [[0.0; 4]; MOST_PLANES];
-            self.shade_maps(facet, (mapped, &maps), at.to_array(), &moments, &mut planes);
-            for (sum, value) in sum.as_flattened_mut().iter_mut().zip(planes.as_flattened()) {
-                *sum += value / count as f32;
+        let sides = DMat2::from_cols_array_2d(&change) * DMat2::from_cols_array_2d(&axes);
+        let count = STEPS.len() * STEPS.len();
+        let maps = own.maps.about(&self.shared.textures, DVec2::from_array(place), sides, 1.0 / count as f64);
+
+        let at_u = |of: &[OverTime; 3]| of.each_ref().map(|v| v.at(u));
+        let corners = at_u(&own.positions);
+        let middle = corners[0] + (corners[1] - corners[0]) * place[0] + (corners[2] - corners[0]) * place[1];
+        let linear = |of: [DVec3; 3], origin: DVec3| Linear::about(of, origin, place, &sides);
+        let positions = linear(corners, middle);
+        let normals = linear(at_u(&own.normals), DVec3::ZERO);
+        let tangents = linear(at_u(&own.tangents), DVec3::ZERO);
+        let signs = linear(own.signs.map(DVec3::splat), DVec3::ZERO);
+        let look = &self.looks[facet as usize];
+        let corner_bases = [look.base, look.base + look.base_along[0], look.base + look.base_along[1]];
+        let bases = linear(corner_bases, DVec3::ZERO);
+
+        let lights = &self.lights_over_time;
+        let eye = lights.eye.at(u);
+        let to_eye = Four::splat(if lights.is_parallel { -eye } else { eye - middle });
+        let model = self.answers[self.world.facets[facet as usize].surface as usize].model;
+        let side = if part.sight.front { 1.0 } else { -1.0 };
+        let glow = Four::splat(mapped.emissive);
+        let (metallic, roughness) = (mapped.metallic as f32, mapped.roughness as f32);
+
+        let up = Four::splat(DVec3::Z);
+        let mut rows = [Points::default(); STEPS.len()];
+        let (mut base, mut glowing) = (Vec4::ZERO, Vec4::ZERO);
+        for (points, t) in rows.iter_mut().zip(STEPS) {
+            let (s, t) = (Vec4::from_array(STEPS), Vec4::splat(t));
+            let texels = maps.at(s, t);
+            let from_middle = positions.at(s, t);
+            let way = if lights.is_parallel { to_eye } else { to_eye - from_middle };
+            // Towards its front, until a map has turned it.
+            let mut normal = normals.at(s, t).normalize_or(up);
+            if let Some(local) = texels.normal {
+                let flat = tangents.at(s, t);
+                let tangent = (flat - normal * normal.dot(flat)).normalize_or(Four::default());
+                let bitangent = normal.cross(tangent) * (signs.at(s, t).x * local.y);
+                let turned = tangent * local.x + bitangent + normal * local.z;
+                let has_tangent = tangent.dot(tangent).cmpgt(Vec4::ZERO);
+                normal = Four::select(has_tangent, turned.normalize_or(normal), normal);
+            }
+            *points = Points {
+                from_middle,
+                normal: normal * side,
+                to_eye: way.normalize_or(up),
+                base: bases.at(s, t) * texels.base,
+                metallic: (texels.metallic * metallic).clamp(Vec4::ZERO, Vec4::ONE),
+                roughness: (texels.roughness * roughness).clamp(Vec4::ZERO, Vec4::ONE),
+                occlusion: texels.occlusion,
+            };
+            base += points.base.luminance();
+            glowing += texels.emission.map_or(glow, |emission| glow * emission).luminance();
+        }
+        let mut light = [Vec4::ZERO; 1 + MOST_OWN];
+        let mut proportional = Vec4::ZERO;
+        let mut add = |own: usize, sent: Sent| {
+            light[own] += sent.proportional + sent.constant;
+            proportional += sent.proportional;
+        };
+        for points in &rows {
+            add(0, points.of_around(&self.shared.around, model));
+        }
+        for lamp in &lights.lamps {
+            let lamp = lamp.at(u, middle);
+            for points in &rows {
+                add(lamp.own, points.of_lamp(&lamp, model));
             }
         }
-        sum
+        let mean = |sum: Vec4| {
+            let [a, b, c, d] = sum.to_array();
+            f64::from((a + b) + (c + d)) / count as f64
+        };
+        Means {
+            light: light.map(mean),
+            base: mean(base),
+            proportional: mean(proportional),
+            glow: mean(glowing),
+        }
     }
-}
-
-/// Unit tangent and bitangent at a place of a facet with the unit normal `normal` to the viewer's side; zeros where it has
-/// none.
-fn tangent_frame(facet: &FacetAt, [s, t]: [f64; 2], normal: DVec3) -> [DVec3; 2] {
-    let [a, b, d] = facet.tangents;
-    let normal = normal * facet.side;
-    let tangent = a.0 + (b.0 - a.0) * s + (d.0 - a.0) * t;
-    let tangent = (tangent - normal * normal.dot(tangent)).normalize_or_zero();
-    [tangent, normal.cross(tangent) * (a.1 + (b.1 - a.1) * s + (d.1 - a.1) * t)]
 }

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use evis_scene::environment::FACES;
 use evis_scene::motion::{WaveShape, Waveform};
-use evis_scene::{Eye, Scene, ShadingModel};
+use evis_scene::{Scene, ShadingModel};
 use glam::{DMat3, DVec3};
 
 use super::{Lighting, Mapped, Shared, TileLight, mapped, material};
@@ -13,8 +13,7 @@ use crate::hash::Words;
 use crate::image::maps::Maps;
 use crate::image::texture::Use;
 use crate::packed::{self, Lamp, MOST_OWN, Wave, steady};
-use crate::shading::material::over_time;
-use crate::shading::moments::FacetAt;
+use crate::shading::places::{LampOverTime, LightsOverTime};
 use crate::visibility::lists::{Record, powers, rows_about};
 
 /// A row of tiles in work.
@@ -167,41 +166,23 @@ impl Lighting<'_> {
         if let Some(first) = packer.mapped.get(&index) {
             return *first;
         }
-        let facet = self.world.facets[record.facet as usize];
-        let at = [0.0, 0.5, 1.0].map(|u| self.facet_at(record.facet, true, u));
+        let LightsOverTime { eye, is_parallel, lamps } = &self.lights_over_time;
         let lights = *packer.lights.get_or_insert_with(|| {
             let points = &mut packer.row.points;
             let first = points.len() as u32;
-            let is_parallel = matches!(at[0].eye, Some(Eye::Along(_)));
-            let eye = |of: &FacetAt| match of.eye {
-                Some(Eye::At(place)) => place,
-                Some(Eye::Along(way)) => way,
-                None => DVec3::ZERO,
-            };
-            points.extend(over_time(at.each_ref().map(eye), f32::from(u8::from(is_parallel))));
-            for lamp in 0..at[0].lamps.len() {
-                let own = self.own.iter().position(|own| *own == lamp).map_or(0, |number| number as u32 + 1);
-                points.extend(material::Lamp::pack(at.each_ref().map(|of| &of.lamps[lamp]), own));
-            }
+            points.extend(eye.rows(f32::from(u8::from(*is_parallel))));
+            points.extend(lamps.iter().flat_map(LampOverTime::pack));
             first
         });
-        let primitive = self.world.primitive(facet.surface);
-        let (maps, [normal_scale, occlusion]) =
-            mapped.maps.on(&self.shared.textures, primitive, facet.corners).pack();
+        let own = self.mapped_facet(mapped, record.facet);
+        let (maps, [normal_scale, occlusion]) = own.maps.pack();
+        let facet = self.world.facets[record.facet as usize];
         let answer = &self.answers[facet.surface as usize];
         let mut rows = [[0.0; 4]; packed::MAPPED_ROWS];
-        for corner in 0..3 {
-            let of = |get: fn(&FacetAt, usize) -> DVec3| at.each_ref().map(|at| get(at, corner));
-            let sign = at[0].tangents[corner].1 as f32;
-            for (kind, parts) in [
-                over_time(of(|at, corner| at.corners[corner].0), 0.0),
-                over_time(of(|at, corner| at.corners[corner].1), 0.0),
-                over_time(of(|at, corner| at.tangents[corner].0), sign),
-            ]
-            .into_iter()
-            .enumerate()
-            {
-                for (power, row) in parts.into_iter().enumerate() {
+        for (kind, corners) in [&own.positions, &own.normals, &own.tangents].into_iter().enumerate() {
+            for (corner, over_time) in corners.iter().enumerate() {
+                let last = if kind == 2 { own.signs[corner] as f32 } else { 0.0 };
+                for (power, row) in over_time.rows(last).into_iter().enumerate() {
                     rows[packed::GEOMETRY_ROWS * power + 3 * kind + corner] = row;
                 }
             }
@@ -210,7 +191,7 @@ impl Lighting<'_> {
         others[..2 * packed::MAPS].copy_from_slice(maps.as_flattened());
         let glow = mapped.emissive * material::LUMINANCE;
         let shines = f32::from(u8::from(answer.model == ShadingModel::MetallicRoughness));
-        let lamps = at[0].lamps.len() as u32;
+        let lamps = lamps.len() as u32;
         others[2 * packed::MAPS..].copy_from_slice(&[
             [mapped.metallic as f32, mapped.roughness as f32, normal_scale, occlusion],
             [glow.x as f32, glow.y as f32, glow.z as f32, shines],

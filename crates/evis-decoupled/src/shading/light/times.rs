@@ -32,7 +32,7 @@ impl Lighting<'_> {
     }
 
     /// The scene and its lamps at part `u` of the block, a whole number of parts of [`MOST_INTERVALS`].
-    fn scene_at(&self, u: f64) -> (Option<&Frame>, &[Lamp]) {
+    pub(super) fn scene_at(&self, u: f64) -> (Option<&Frame>, &[Lamp]) {
         let end = |end: usize| (self.frames.as_ref().map(|f| &f[end]), &self.lamps[end][..]);
         let found = self.times.at(u, |t_us| {
             let frame = self.world.frame(t_us).ok()?;

@@ -428,18 +428,18 @@ fn a_device_lights_surfaces_with_maps() {
     under_sky.environment = Some(Environment { rotation: 0.7, ..Environment::studio() });
     parallel.cameras[0].lens = Lens::Orthographic { height: 2.4, far: 10.0 };
     let settings = settings((96, 72));
-    for (name, scene) in [
-        ("diffuse", raster_scenes::diffuse()),
-        ("glossy", raster_scenes::glossy()),
-        ("sky", under_sky),
-        ("parallel", parallel),
+    for (name, scene, least_f1) in [
+        ("diffuse", raster_scenes::diffuse(), 0.99),
+        ("glossy", raster_scenes::glossy(), 0.955),
+        ("sky", under_sky, 0.965),
+        ("parallel", parallel, 0.93),
     ] {
         let scene = moving(scene);
         let own = simulate(&scene, &settings).unwrap();
         let (outcome, light) = followed(&devices, &scene, &settings, Tampering::None);
         let [middle, most] = [0.5, 0.99].map(|part| quantile(&light, part));
         println!("{name}: light off by {middle:.1e} (99 %: {most:.1e})");
-        assert!(light.len() > 500 && middle < 1e-3 && most < 0.03, "{name}");
+        assert!(light.len() > 500 && middle < 2e-4 && most < 5e-3, "{name}");
         assert!(
             10 * outcome.report.on_device > 9 * outcome.report.evaluations,
             "{name}: {:?}",
@@ -448,7 +448,7 @@ fn a_device_lights_surfaces_with_maps() {
         if name == "diffuse" {
             assert_alike(name, &own, &outcome);
         }
-        // The processor reads light from cells, linear between two moments; a device shades at the time.
+        // Both shade the same places at the same times, a device with maps in 16 bits per channel.
         let truth_settings = TruthSettings {
             size: settings.size,
             duration_us: settings.duration_us,
@@ -462,7 +462,8 @@ fn a_device_lights_surfaces_with_maps() {
         };
         let [on_device, on_processor] = [&outcome.events, &own.events].map(|events| f1(events));
         println!("{name}: F1 {on_device:.4} and {on_processor:.4} of {} events", truth.events.len());
-        assert!(truth.events.len() > 150 && on_device > 0.93 && on_device > on_processor - 0.005, "{name}");
+        assert!(truth.events.len() > 150 && on_device.min(on_processor) > least_f1, "{name}");
+        assert!(on_device > on_processor - 0.005, "{name}");
         // Canary: each of the maps counts.
         let maps: [fn(&mut Material) -> &mut Option<TextureRef>; 4] = [
             |m| &mut m.normal_texture,

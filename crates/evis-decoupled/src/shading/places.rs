@@ -1,0 +1,395 @@
+//! Light that four places of a surface send at once, in 32 bits: what [`crate::shading::material`] says, of base colours that are
+//! known, at a time of a block.
+//!
+//! Lamps, the eye and the corners of facets are quadratics of the block's time. About the middle of what a pixel sees of a facet
+//! all is counted from there, which 64 bits find: 32 bits suffice for what is left. The twin of a device's `decoupled/maps.wgsl`.
+
+use std::f32::consts::PI;
+
+use evis_scene::{LightKind, ShadingModel};
+use glam::{DVec3, Mat4, Vec4};
+
+use crate::fours::{Four, parts};
+use crate::image::maps::FacetMaps;
+use crate::packed;
+use crate::shading::material::{Around, LEAST_ALPHA, LEAST_COSINE, Lamp, SPLIT_SUM, split_sums};
+use crate::visibility::lists::powers;
+
+/// A vector as a quadratic of the block's time.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct OverTime([DVec3; 3]);
+
+impl OverTime {
+    /// The one that goes through what is there at the start, middle and end of a block.
+    pub fn through(at: [DVec3; 3]) -> Self {
+        Self(powers(at))
+    }
+
+    /// At part `u` of the block.
+    #[inline(always)]
+    pub fn at(&self, u: f64) -> DVec3 {
+        let [a, b, c] = self.0;
+        a + (b + c * u) * u
+    }
+
+    /// Rows of a device; `last` is the last number of the first one.
+    pub fn rows(&self, last: f32) -> [[f32; 4]; 3] {
+        let row = |v: DVec3, last: f32| [v.x as f32, v.y as f32, v.z as f32, last];
+        let [a, b, c] = self.0;
+        [row(a, last), row(b, 0.0), row(c, 0.0)]
+    }
+}
+
+/// A lamp during a block.
+#[derive(Clone, Copy, Debug)]
+pub struct LampOverTime {
+    position: OverTime,
+    direction: OverTime,
+    strength: OverTime,
+    has_place: bool,
+    range: Option<f64>,
+    cone: Option<[f64; 2]>,
+    /// Its number among those whose light is kept apart, plus 1.
+    own: usize,
+}
+
+impl LampOverTime {
+    /// A lamp that is this at the start, middle and end of the block; `own` is its number among those whose light is kept apart,
+    /// plus 1.
+    pub fn new(at: [&Lamp; 3], own: usize) -> Self {
+        let of = |get: fn(&Lamp) -> DVec3| OverTime::through(at.map(get));
+        let [first, ..] = at;
+        Self {
+            position: of(|lamp| lamp.position),
+            direction: of(|lamp| lamp.direction),
+            strength: of(|lamp| lamp.strength),
+            has_place: first.kind != LightKind::Directional,
+            range: first.range,
+            cone: first.cone,
+            own,
+        }
+    }
+
+    /// Rows of a device, see [`packed::LIGHT_ROWS`].
+    pub fn pack(&self) -> [[f32; 4]; packed::LIGHT_ROWS] {
+        let [scale, shift] = self.cone.unwrap_or_default().map(|v| v as f32);
+        let range = self.range.map_or(0.0, |range| range as f32);
+        let mut rows = [[0.0; 4]; packed::LIGHT_ROWS];
+        let own = f32::from_bits(self.own as u32);
+        rows[..3].copy_from_slice(&self.position.rows(f32::from(u8::from(self.has_place))));
+        rows[3..6].copy_from_slice(&self.direction.rows(range));
+        rows[6..9].copy_from_slice(&self.strength.rows(own));
+        rows[9] = [scale, shift, f32::from(u8::from(self.cone.is_some())), 0.0];
+        rows
+    }
+
+    /// At part `u` of the block, seen from `middle`.
+    #[inline(always)]
+    pub fn at(&self, u: f64, middle: DVec3) -> LampAt {
+        let to_light = -self.direction.at(u).normalize_or(DVec3::NEG_Z);
+        LampAt {
+            offset: self.has_place.then(|| Four::splat(self.position.at(u) - middle)),
+            to_light: Four::splat(to_light),
+            strength: Four::splat(self.strength.at(u)),
+            inverse_range: self.range.map_or(0.0, |range| (1.0 / (range * range)) as f32),
+            cone: self.cone.map(|cone| cone.map(|v| v as f32)),
+            own: self.own,
+        }
+    }
+}
+
+/// The eye and lamps during a block.
+#[derive(Default)]
+pub struct LightsOverTime {
+    /// Where the eye is, or the direction of its rays.
+    pub eye: OverTime,
+    /// Its rays are parallel.
+    pub is_parallel: bool,
+    /// Lamps.
+    pub lamps: Vec<LampOverTime>,
+}
+
+/// A facet with maps during a block.
+pub struct MappedFacet {
+    /// World positions at (s, t) = (0, 0), (1, 0) and (0, 1).
+    pub positions: [OverTime; 3],
+    /// Normals there.
+    pub normals: [OverTime; 3],
+    /// Tangents there.
+    pub tangents: [OverTime; 3],
+    /// Signs of bitangents there.
+    pub signs: [f64; 3],
+    /// What varies on it.
+    pub maps: FacetMaps,
+}
+
+/// A lamp at a time, seen from the middle of what a pixel sees of a facet.
+#[derive(Clone, Copy)]
+pub struct LampAt {
+    /// The way to its place, where it has one.
+    offset: Option<Four>,
+    /// To where it comes from, or against its axis.
+    to_light: Four,
+    strength: Four,
+    /// 1 / square of its range; 0 where it has none.
+    inverse_range: f32,
+    cone: Option<[f32; 2]>,
+    /// Its number among those whose light is kept apart, plus 1.
+    pub own: usize,
+}
+
+impl LampAt {
+    /// Unit vectors to the lamp, and irradiances on surfaces that face it, at places this far from the middle.
+    #[inline(always)]
+    fn incident(&self, from_middle: Four) -> (Four, Four) {
+        let Some(offset) = self.offset else { return (self.to_light, self.strength) };
+        let way = offset - from_middle;
+        let squared = way.dot(way);
+        let to_light = way.normalize_or(self.to_light);
+        // KHR_lights_punctual, "Range Property"; within a millimetre intensity stays what it is there.
+        let part = squared * self.inverse_range;
+        let mut attenuation =
+            (1.0 - part * part).clamp(Vec4::ZERO, Vec4::ONE) / squared.max(Vec4::splat(1e-6));
+        if let Some([scale, shift]) = self.cone {
+            // KHR_lights_punctual, "Inner and Outer Cone Angles".
+            let angular = (self.to_light.dot(to_light) * scale + shift).clamp(Vec4::ZERO, Vec4::ONE);
+            attenuation *= angular * angular;
+        }
+        (to_light, self.strength * attenuation)
+    }
+}
+
+/// Four places of a surface to be lit.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Points {
+    /// From the middle of what the pixel sees.
+    pub from_middle: Four,
+    /// Unit normals towards the viewer's side.
+    pub normal: Four,
+    /// Unit vectors to the eye.
+    pub to_eye: Four,
+    /// Base colours.
+    pub base: Four,
+    /// 0 to 1.
+    pub metallic: Vec4,
+    /// Perceptual, 0 to 1.
+    pub roughness: Vec4,
+    /// Parts of the indirect light that arrive.
+    pub occlusion: Vec4,
+}
+
+/// Luminances that four places send: of what is proportional to base colour, and of the rest.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Sent {
+    /// What is proportional to base colour.
+    pub proportional: Vec4,
+    /// What is not.
+    pub constant: Vec4,
+}
+
+impl Points {
+    /// Diffuse light `diffuse (1 - m) (1 - F)` and mirrored light `specular F`, F = f f0 + g and f0 = 0.04 (1 - m) + m base.
+    #[inline(always)]
+    fn mixed(&self, diffuse: Four, specular: Four, f: Vec4, g: Vec4) -> Sent {
+        let rest = 1.0 - self.metallic;
+        let dielectric = rest * 0.04;
+        let (flat, steep) = (rest * (1.0 - f * dielectric - g), rest * self.metallic * f);
+        let constant = Four { x: flat, y: flat, z: flat } - self.base * steep;
+        let linear = diffuse * constant + specular * (self.metallic * f);
+        Sent {
+            proportional: (linear * self.base).luminance(),
+            constant: specular.luminance() * (f * dielectric + g),
+        }
+    }
+
+    /// What of indirect light they send.
+    #[inline(always)]
+    pub fn of_around(&self, around: &Around, model: ShadingModel) -> Sent {
+        let ambient = Four::splat(around.ambient) * self.occlusion;
+        let surroundings = around.surroundings.as_ref();
+        let irradiance =
+            surroundings.map_or(Four::default(), |s| s.diffuse_of_four(self.normal) * self.occlusion);
+        if model == ShadingModel::Diffuse {
+            let proportional = ((ambient + irradiance) * self.base).luminance();
+            return Sent { proportional, constant: Vec4::ZERO };
+        }
+        let mut sent = Sent {
+            proportional: (ambient * self.base).luminance(),
+            constant: ambient.luminance() * ((1.0 - self.metallic) * 0.04),
+        };
+        if let Some(surroundings) = surroundings {
+            let cosine = self.normal.dot(self.to_eye);
+            let [scale, bias] = split_sum(cosine.max(Vec4::splat(LEAST_COSINE as f32)), self.roughness);
+            let mirror = (self.normal * (cosine * 2.0) - self.to_eye).normalize_or(self.normal);
+            let reflected = surroundings.reflection_of_four(mirror, self.roughness) * self.occlusion;
+            let mixed = self.mixed(irradiance, reflected, scale, bias);
+            sent.proportional += mixed.proportional;
+            sent.constant += mixed.constant;
+        }
+        sent
+    }
+
+    /// What of a lamp's light they send if nothing is in between.
+    #[inline(always)]
+    pub fn of_lamp(&self, lamp: &LampAt, model: ShadingModel) -> Sent {
+        let (to_light, irradiance) = lamp.incident(self.from_middle);
+        let n_dot_l = self.normal.dot(to_light);
+        let reached = n_dot_l.cmpgt(Vec4::ZERO);
+        if !reached.any() {
+            return Sent::default();
+        }
+        // Of no light nothing comes back, whatever the rest is.
+        let n_dot_l = n_dot_l.max(Vec4::ZERO);
+        let light = irradiance * n_dot_l;
+        let diffuse = light * (1.0 / PI);
+        if model == ShadingModel::Diffuse {
+            return Sent { proportional: (diffuse * self.base).luminance(), constant: Vec4::ZERO };
+        }
+        // glTF 2.0, appendix B.3; height-correlated masking (E. Heitz, JCGT 2014).
+        let half = (self.to_eye + to_light).normalize_or(self.normal);
+        let n_dot_h = self.normal.dot(half);
+        let n_dot_v = self.normal.dot(self.to_eye).max(Vec4::splat(LEAST_COSINE as f32));
+        let alpha = (self.roughness * self.roughness).max(Vec4::splat(LEAST_ALPHA as f32));
+        let alpha2 = alpha * alpha;
+        let rest = 1.0 - alpha2;
+        // 1 - n_dot_h^2, which cancels where a highlight is: by the difference of the vectors.
+        let off = half - self.normal;
+        let squared = off.dot(off);
+        let sine2 = Vec4::select(n_dot_h.cmpgt(Vec4::ZERO), squared * (1.0 - squared * 0.25), Vec4::ONE);
+        let narrow = alpha2 + sine2 * rest;
+        let masked = |a: Vec4, b: Vec4| a * (b * b * rest + alpha2).sqrt();
+        let shadowing = masked(n_dot_l, n_dot_v) + masked(n_dot_v, n_dot_l);
+        let lobe = alpha2 / (narrow * narrow * shadowing * (2.0 * PI));
+        let off_peak = 1.0 - self.to_eye.dot(half).clamp(Vec4::ZERO, Vec4::ONE);
+        let squared = off_peak * off_peak;
+        let grazing = squared * squared * off_peak;
+        self.mixed(diffuse, light * lobe, 1.0 - grazing, grazing)
+    }
+}
+
+/// Scale and bias of F0 under light from all around, as [`crate::shading::material`] reads them.
+#[inline(always)]
+fn split_sum(n_dot_v: Vec4, roughness: Vec4) -> [Vec4; 2] {
+    let table = split_sums();
+    let place = |v: Vec4| {
+        let most = Vec4::splat((SPLIT_SUM - 1) as f32);
+        let (low, rest) = parts((v * SPLIT_SUM as f32 - 0.5).clamp(Vec4::ZERO, most));
+        (low, rest.to_array())
+    };
+    let ((columns, fx), (rows, fy)) = (place(n_dot_v), place(roughness));
+    let mut each = [Vec4::ZERO; 4];
+    for (k, value) in each.iter_mut().enumerate() {
+        let first = rows[k] as u32 as usize * SPLIT_SUM + columns[k] as u32 as usize;
+        let (upper, lower) = (&table[first..][..2], &table[first + SPLIT_SUM..][..2]);
+        let pair = |row: &[[f32; 2]]| Vec4::new(row[0][0], row[0][1], row[1][0], row[1][1]);
+        let (upper, lower) = (pair(upper), pair(lower));
+        *value = upper + (lower - upper) * fy[k];
+    }
+    let turned = Mat4::from_cols(each[0], each[1], each[2], each[3]).transpose();
+    let fx = Vec4::from_array(fx);
+    let [low, high] = [[turned.x_axis, turned.z_axis], [turned.y_axis, turned.w_axis]];
+    [low, high].map(|[near, far]| near + (far - near) * fx)
+}
+
+#[cfg(test)]
+mod tests {
+    use evis_scene::Scene;
+    use evis_scene::environment::Environment;
+
+    use super::*;
+    use crate::shading::material::{LUMINANCE, Point, Response, respond};
+
+    /// Numbers from 0 to 1.
+    fn numbers() -> impl FnMut() -> f64 {
+        let mut state = 1_u32;
+        move || {
+            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            f64::from(state >> 8) / f64::from(1 << 24)
+        }
+    }
+
+    fn four(of: [DVec3; 4]) -> Four {
+        Four::of(of.map(|v| v.as_vec3().extend(0.0)))
+    }
+
+    #[test]
+    fn four_places_send_what_each_does_by_itself() {
+        let mut next = numbers();
+        let environment = Some(Environment { rotation: 0.7, ..Environment::studio() });
+        let ambient = [0.1, 0.2, 0.05];
+        let [dark, sky] = [None, environment]
+            .map(|environment| Around::new(&Scene { ambient, environment, ..Scene::default() }));
+        // Far from the origin: what 32 bits have counts from the middle.
+        let middle = DVec3::new(250.0, -130.0, 75.0);
+        let lamp = |kind: LightKind, range: Option<f64>, cone: Option<[f64; 2]>| Lamp {
+            kind,
+            position: middle + DVec3::new(0.8, 1.5, 1.1),
+            direction: DVec3::new(-0.4, -0.7, -0.5).normalize(),
+            strength: DVec3::new(2.0, 1.5, 1.0),
+            range,
+            cone,
+            casts_shadow: false,
+            moves: false,
+            waveform: None,
+        };
+        let cone = LightKind::Spot { inner: 0.2, outer: 0.6 };
+        let lamps = [
+            lamp(LightKind::Directional, None, None),
+            lamp(LightKind::Point, Some(3.0), None),
+            lamp(cone, None, Some([4.0, -3.0])),
+        ];
+        let (mut lit, mut canary) = (0, 0);
+        for k in 0..600 {
+            let model = if k % 4 == 0 { ShadingModel::Diffuse } else { ShadingModel::MetallicRoughness };
+            let (lamp, around) = (&lamps[k % 3], if k % 2 == 0 { &dark } else { &sky });
+            let mut vector = |size: f64| DVec3::new(next() - 0.5, next() - 0.5, next() - 0.5) * size;
+            let facing = DVec3::new(0.3, 0.8, 0.5);
+            let points: [(Point, DVec3); 4] = std::array::from_fn(|_| {
+                let normal = (facing + vector(1.6)).normalize();
+                let base = vector(0.8) + 0.5;
+                let rest = vector(1.0) + 0.5;
+                let point = Point {
+                    model,
+                    position: middle + vector(0.2),
+                    normal,
+                    // Near a mirror's direction, so that there are highlights.
+                    to_eye: (2.0 * normal.dot(facing) * normal - facing + vector(0.4)).normalize(),
+                    metallic: rest.x,
+                    roughness: rest.y,
+                    occlusion: rest.z,
+                    mean_base: base,
+                };
+                (point, base)
+            });
+            let each = |of: fn(&Point) -> DVec3| four(points.map(|(point, _)| of(&point)));
+            let rest = each(|p| DVec3::new(p.metallic, p.roughness, p.occlusion));
+            let together = Points {
+                from_middle: four(points.map(|(point, _)| point.position - middle)),
+                normal: each(|p| p.normal),
+                to_eye: each(|p| p.to_eye),
+                base: each(|p| p.mean_base),
+                metallic: rest.x,
+                roughness: rest.y,
+                occlusion: rest.z,
+            };
+            let at = LampOverTime::new([lamp; 3], 0).at(0.3, middle);
+            let sent = [together.of_around(around, model), together.of_lamp(&at, model)];
+            for (number, (point, base)) in points.iter().enumerate() {
+                let mut wanted = [Response::default(); 2];
+                respond(point, std::slice::from_ref(lamp), &[0], around, &mut wanted);
+                for (sent, wanted) in sent.iter().zip(&wanted) {
+                    let parts = [wanted.linear.dot(*base), wanted.constant];
+                    let found = [sent.proportional, sent.constant].map(|v| v.to_array().map(f64::from));
+                    for (found, wanted) in found.iter().zip(parts) {
+                        let near = |found: f64| (found - wanted).abs() <= 1e-3 * wanted.abs() + 1e-5;
+                        assert!(near(found[number]), "{k}: {} and not {wanted}", found[number]);
+                        canary += usize::from(!near(found[(number + 1) % 4]));
+                        lit += usize::from(wanted > 0.01);
+                    }
+                }
+            }
+        }
+        assert!(lit > 2000 && canary > 2000, "{lit} lit, {canary} unlike their neighbours");
+        assert!((Four::ONE.luminance().x - LUMINANCE.element_sum() as f32).abs() < 1e-6);
+    }
+}
