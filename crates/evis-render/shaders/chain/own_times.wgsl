@@ -22,11 +22,6 @@ struct OwnTimes {
     flags: u32,
 };
 
-fn own_times() -> OwnTimes {
-    let own = textureLoad(tile_rates, pixel, view, 0);
-    return OwnTimes(own.x, own.y & LIGHT_PARTS, own.y);
-}
-
 fn own_luminance(number: u32) -> f32 {
     let side = (1u << LIGHT_SHIFT) - 1u;
     let at = vec2<u32>(number & side, (number >> LIGHT_SHIFT) & side);
@@ -35,6 +30,15 @@ fn own_luminance(number: u32) -> f32 {
 
 fn block_word(word: u32) -> u32 {
     return views[view * VIEW_WORDS + BLOCK_WORD + word];
+}
+
+// Of a view without a block all pixels rest, whatever they saw before.
+fn own_times() -> OwnTimes {
+    if (block_word(2u) == 0u) {
+        return OwnTimes(0u, 0u, LIGHT_RESTS);
+    }
+    let own = textureLoad(tile_rates, pixel, view, 0);
+    return OwnTimes(own.x, own.y & LIGHT_PARTS, own.y);
 }
 
 // The whole microsecond, since the base, at which part `number` of `parts` begins.

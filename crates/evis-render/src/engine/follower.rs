@@ -244,11 +244,11 @@ impl Follower {
     fn run(&mut self, block: &Block, capacity: u32) -> Result<u32, Error> {
         let count = block.pixels.len() as u32;
         let light = SCRATCH_WORDS * count;
-        let sizes = [light_bytes(block).end, event_bytes(capacity)];
+        let sizes = [light_bytes(block).end + LIGHT_ROW_BYTES, event_bytes(capacity)];
         check(&self.gpu, "intermediate values", sizes[0])?;
         check(&self.gpu, "events", sizes[1])?;
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        self.scratch.reserve(device, sizes[0] + LIGHT_ROW_BYTES);
+        self.scratch.reserve(device, sizes[0]);
         self.events.reserve(device, sizes[1]);
         self.pixels.write(device, queue, bytemuck::cast_slice(&block.pixels));
         let (columns, _) = sizes::dispatch(count, GROUP);

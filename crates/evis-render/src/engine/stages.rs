@@ -14,7 +14,7 @@ use crate::config::dense::DenseOutput;
 use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
 use crate::gpu::readback::{map, wait_mapped};
-use crate::gpu::sizes::{self, DeviceLimits, MethodNeeds};
+use crate::gpu::sizes::{self, DeviceLimits, MethodNeeds, Plan};
 use crate::gpu::texture::{array, whole};
 use crate::gpu::uniforms::Status;
 use crate::output::dense;
@@ -183,8 +183,10 @@ impl Stages {
                 keeps: true,
                 ..MethodNeeds::default()
             };
-            let sizes =
-                sizes::plan(width, height, 1, class.len() as u32, 1, needs, DeviceLimits::of(device))?;
+            let limits = DeviceLimits::of(device);
+            let sizes = sizes::plan(width, height, 1, class.len() as u32, 1, needs, limits)?;
+            // Light lies elsewhere.
+            let sizes = Plan { layers: 1, ..sizes };
             own.targets.push(Targets::new(device, width, height, sizes, LayerUse::Computed, Some(plan), 1));
             for members in class.chunks(sizes.views_per_group as usize) {
                 for (place, view) in members.iter().enumerate() {

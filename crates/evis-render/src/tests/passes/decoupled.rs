@@ -537,14 +537,40 @@ fn one_submission_serves_all_views_and_their_order_changes_no_byte() {
     }
 }
 
+#[test]
+fn stages_serve_views_whose_blocks_begin_at_other_times() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
+    let mut scene = evis_scene::builtin::load("desk", 0).unwrap();
+    let clock = |k: usize| Variant { time_offset_s: 0.053 * k as f64, ..Variant::default() };
+    scene.variants = (0..3).map(clock).collect();
+    let scene = Arc::new(scene);
+    let mut sensor = SensorConfig::preset("dvxplorer-like").unwrap();
+    sensor.noise.shot_hz = 5.0;
+    let run = |variants: &[usize]| streamed_with(&devices, &scene, variants, &sensor).0;
+    let all = run(&[0, 1, 2]);
+    assert!(all.iter().all(|events| events.len() > 50) && all[0] != all[1]);
+    assert!(run(&[2, 1, 0]).iter().rev().eq(&all), "the order of views");
+    assert!(run(&[1])[0] == all[1], "a view alone");
+}
+
 /// Events of each view of the `variants`, and submissions.
 fn streamed(devices: &Arc<Followers>, scene: &Arc<Scene>, variants: &[usize]) -> (Vec<Vec<Event>>, usize) {
+    streamed_with(devices, scene, variants, &SensorConfig::default())
+}
+
+fn streamed_with(
+    devices: &Arc<Followers>,
+    scene: &Arc<Scene>,
+    variants: &[usize],
+    sensor: &SensorConfig,
+) -> (Vec<Vec<Event>>, usize) {
     const UNTIL_US: i64 = 90_000;
     let tampers = Arc::new(Tampers::new(devices, Tampering::None));
     let view = |variant: &usize| View {
         camera: 0,
         variant: Some(*variant),
-        sensor: SensorConfig::default(),
+        sensor: sensor.clone(),
         key: Key::new(0, 0, 0),
     };
     let views: Vec<View> = variants.iter().map(view).collect();
