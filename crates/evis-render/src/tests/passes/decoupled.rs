@@ -541,8 +541,9 @@ fn one_submission_serves_all_views_and_their_order_changes_no_byte() {
 fn stages_serve_views_whose_blocks_begin_at_other_times() {
     let Some(gpu) = crate::tests::device() else { return };
     let devices = Arc::new(Followers::new(&gpu).unwrap());
-    let mut scene = evis_scene::builtin::load("desk", 0).unwrap();
-    let clock = |k: usize| Variant { time_offset_s: 0.053 * k as f64, ..Variant::default() };
+    // A lamp is switched in each view at times of its own: light jumps there while others rest.
+    let mut scene = moving(raster_scenes::diffuse());
+    let clock = |k: usize| Variant { time_offset_s: 0.0053 * k as f64, ..Variant::default() };
     scene.variants = (0..3).map(clock).collect();
     let scene = Arc::new(scene);
     let mut sensor = SensorConfig::preset("dvxplorer-like").unwrap();
