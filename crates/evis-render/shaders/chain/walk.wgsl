@@ -188,7 +188,11 @@ fn take_block(block: u32, emits: bool) {
     let own = own_times();
     let rests = (own.flags & LIGHT_RESTS) != 0u;
     if (!rests) {
-        find_candidates(own_time(0u, 1u), block);
+        // What is remembered are ages at the end of the view's last block, where this one begins.
+        let begin = own_time(0u, 1u);
+        moved += i32(begin);
+        fired += i32(begin);
+        find_candidates(begin, block);
         take_own_parts(own);
     }
     if (emits) {
