@@ -110,8 +110,8 @@ fn follow_on(
 ) -> Result<(), Error> {
     let stays: Vec<bool> = packs.iter().map(|packs| packs.is_some_and(|packs| packs.stays)).collect();
     if let Some(stages) = device.stages() {
-        let own = entered.iter_mut().zip(&stays).filter(|(_, stays)| **stays);
-        own.map(|(own, _)| own.begin(stages)).collect::<Result<(), Error>>()?;
+        let mut own = entered.iter_mut().zip(&stays).filter(|(_, stays)| **stays);
+        own.try_for_each(|(own, _)| own.begin(stages))?;
     }
     let has_pixels = |row: &Row| !row.packed().pixels.is_empty();
     // Rows by view, row and job: a view in which nothing moves has none.
