@@ -56,6 +56,8 @@ const PARTLY_LIT: std::ops::Range<f64> = 0.001..0.99;
 pub const SKY_DENSITY: f64 = 3.0;
 /// See there.
 pub const SKY_PLACES: u32 = 6;
+/// Of a texel of the sky, which it moves by between evaluations where pixels are smaller: there are so many in one.
+const HALF_TEXELS: f64 = 2.0;
 /// Places along either side of what a pixel sees of a surface with maps.
 pub const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.
@@ -444,11 +446,13 @@ impl<'a> Lighting<'a> {
             self.mapped.resize_with(world.facets.len(), OnceLock::new);
         }
         self.prepare_shadows(clock, first)?;
-        let seen = world.scene.environment.as_ref().is_some_and(|e| e.visible);
-        self.sky = seen.then(|| Sky {
+        let (parallel, focal) = (self.screen[0].is_parallel(), world.lens.focal[0]);
+        let detail = |environment| (HALF_TEXELS * material::sky_texels(environment) / focal).min(1.0);
+        self.sky = world.scene.environment.as_ref().filter(|e| e.visible).map(|environment| Sky {
             world_from_screen: self.screen.map(|screen| screen.directions()),
             // Parallel rays see one point of it.
-            focal: if self.screen[0].is_parallel() { f64::INFINITY } else { world.lens.focal[0] },
+            focal: if parallel { f64::INFINITY } else { focal },
+            detail: if parallel { 1.0 } else { detail(environment) },
         });
         // At a jump, what held before the border does not hold after it.
         self.borders = [moments::key(block.start_us, block.jump), moments::key(block.end_us, false)];
@@ -859,7 +863,8 @@ impl<'a> Lighting<'a> {
         self.sky.is_none() || !self.camera_moves
     }
 
-    /// How far what lies behind everything moves in a tile during the block, in pixels.
+    /// How far what lies behind everything moves in a tile during the block, in pixels, or where these are smaller in halves of its
+    /// texels, between which its light runs straight.
     pub fn background_motion(&self, tile: &TileLight) -> f64 {
         let Some(sky) = self.sky.as_ref().filter(|_| self.camera_moves) else { return 0.0 };
         let view = &tile.view;
@@ -882,10 +887,8 @@ impl<'a> Lighting<'a> {
             let way = a.distance(b) + b.distance(c);
             if way.is_finite() { way } else { f64::from(u16::MAX) }
         };
-        [[0.0; 2], [-half; 2], [half, -half], [-half, half], [half; 2]]
-            .map(moved)
-            .into_iter()
-            .fold(0.0, f64::max)
+        let places = [[0.0; 2], [-half; 2], [half, -half], [-half, half], [half; 2]];
+        places.map(moved).into_iter().fold(0.0, f64::max) * sky.detail
     }
 
     /// Mean luminance of what lies behind everything, over a part of a pixel of the tile `view`.
@@ -915,6 +918,8 @@ struct Sky {
     world_from_screen: [DMat3; 3],
     /// Pixels per radian in the middle of the picture.
     focal: f64,
+    /// Halves of its texels that a pixel is wide there, at most 1.
+    detail: f64,
 }
 
 impl Sky {
