@@ -193,7 +193,7 @@ fn a_camera_that_turns_sees_the_sky_as_rays_say() {
     let Measured { error, canary, found, count } = Measured::of(&scene, 2000.0, 80_000);
     println!("{error:.4} off, {canary:.4} two milliseconds later; F1 {found:.4} of {count} events");
     assert!(error < 0.002 && canary > 1.5 * error, "{error:.4}, {canary:.4}");
-    assert!(found > 0.98 && count > 300, "{found:.4} of {count}");
+    assert!(found > 0.997 && count > 300, "{found:.4} of {count}");
 }
 
 /// A spot sweeps over a wall that is still.
