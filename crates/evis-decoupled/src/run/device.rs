@@ -53,6 +53,9 @@ pub trait Stages {
     /// How many numbers of light stay since [`Stages::sense`]: the number of the next one.
     fn light_count(&self) -> u32;
 
+    /// Whether [`Stages::sense`] must take it before more is found.
+    fn is_full(&self) -> bool;
+
     /// Lets the pixels of one of these views begin with their first `light`, row by row, at a time of the stream in microseconds; all
     /// that is random in them follows from the sensor and key given here.
     ///

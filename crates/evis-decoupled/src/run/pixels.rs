@@ -25,9 +25,6 @@ use crate::signal::pixel::{Evaluator, Work};
 use crate::visibility::blocks::{Block, Clock};
 use crate::visibility::lists::Lists;
 
-/// Numbers of light that may stay on a device before its stages take them.
-const MOST_LIGHT: u32 = 32 << 20;
-
 /// The pixels of one view: what they remember from block to block.
 pub(crate) struct Pixels {
     /// Index of the view, and what it is.
@@ -152,7 +149,7 @@ fn follow_on(
         }
         // Before the next rows: light is long.
         entered.par_iter_mut().with_max_len(1).for_each(|own| own.sense(stop));
-        if let Some(stages) = device.stages().filter(|stages| stages.light_count() > MOST_LIGHT) {
+        if let Some(stages) = device.stages().filter(|stages| stages.is_full()) {
             take_stages(stages, (entered, &stays))?;
         }
     }

@@ -25,6 +25,8 @@ const EVENTS_PER_PIXEL: u32 = 16;
 /// Bytes that an array of a block takes at most, if rows of tiles can be followed one after the other: half of what WebGPU's
 /// default limits let be bound.
 const MOST_BYTES: u64 = 64 << 20;
+/// See [`Followers::most_light`]: 128 MB.
+const MOST_LIGHT: u32 = 32 << 20;
 /// Two blocks: views whose blocks begin within one of another view go through stages together.
 const LONGEST_US: f64 = 2.0 * 32_768.0;
 /// Rounds beyond those in which pixels are evaluated where they surely are.
@@ -41,6 +43,8 @@ pub struct Followers {
     pub(crate) events_per_pixel: u32,
     /// Whether stages of sensors are on the device.
     pub(crate) has_stages: bool,
+    /// Numbers of light that stay there before they take it.
+    pub(crate) most_light: u32,
     /// What arrays are wanted of events, and what was made of them.
     dense: Option<(DenseOutput, Arc<Mutex<MadeArrays>>)>,
 }
@@ -66,6 +70,7 @@ impl Followers {
             passes,
             events_per_pixel: EVENTS_PER_PIXEL,
             has_stages: true,
+            most_light: MOST_LIGHT,
             dense: None,
         })
     }
@@ -96,7 +101,7 @@ impl Devices for Followers {
         let mut follower = Follower::new(self, textures)?;
         if self.has_stages {
             let wanted = self.dense.as_ref().map(|(output, made)| (*output, made));
-            let new = || Ok(Stages::new(&self.gpu, views, wanted, LONGEST_US));
+            let new = || Ok(Stages::new(&self.gpu, views, wanted, (LONGEST_US, self.most_light)));
             follower.stages = self.gpu.guarded(new).map_err(refused)?;
         }
         Ok(Box::new(follower))

@@ -76,8 +76,9 @@ pub(super) struct Stages {
     places: Vec<Option<[usize; 2]>>,
     /// Light, number by number.
     light: wgpu::Texture,
-    /// How many numbers there are of it.
+    /// How many numbers there are of it, and how many there may be before they are taken.
     light_count: u32,
+    most_light: u32,
 }
 
 /// Views that go through stages together.
@@ -140,8 +141,14 @@ fn sensing(view: &ViewSensor) -> (&SensorConfig, Key) {
 impl Stages {
     /// Those of the `views` of a stream whose sensors have more stages than thresholds, in continuous time; `None` where there are
     /// none, or a view of them does not fit the device.
-    /// Events become arrays where these are `wanted`, no block is longer than `longest_us`, and they leave their sensor at once.
-    pub fn new(gpu: &Gpu, views: &[ViewSensor], wanted: Option<Wanted>, longest_us: f64) -> Option<Self> {
+    /// Events become arrays where these are `wanted`, no block is longer than `longest_us`, and they leave their
+    /// sensor at once. Stages take light when there are more than `most_light` numbers of it.
+    pub fn new(
+        gpu: &Gpu,
+        views: &[ViewSensor],
+        wanted: Option<Wanted>,
+        (longest_us, most_light): (f64, u32),
+    ) -> Option<Self> {
         let device = &gpu.device;
         let mut classes: Vec<Vec<usize>> = Vec::new();
         for (index, view) in views.iter().enumerate() {
@@ -173,6 +180,7 @@ impl Stages {
             places: vec![None; views.len()],
             light: light(device, 1),
             light_count: 0,
+            most_light,
         };
         for (number, class) in classes.iter().enumerate() {
             let [width, height] = views[class[0]].size;
@@ -217,7 +225,7 @@ impl Stages {
         let most = u64::from(self.gpu.device.limits().max_texture_array_layers);
         if layers > most || needed > u64::from(u32::MAX) {
             return Err(Error::Device(format!(
-                "light of a block takes {} million numbers, and a texture of {} holds {}; choose a smaller picture or slower motion, \
+                "light of a block takes {} million numbers, and a texture of {} holds {} million; choose a smaller picture or slower motion, \
                  or let the processor follow pixels",
                 needed >> 20,
                 self.gpu.summary().name,
@@ -285,6 +293,10 @@ impl evis_decoupled::Stages for Stages {
 
     fn light_count(&self) -> u32 {
         self.light_count
+    }
+
+    fn is_full(&self) -> bool {
+        self.light_count > self.most_light
     }
 
     fn begin(&mut self, view: usize, own: &ViewSensor, t_us: i64, light: &[f32]) -> Result<(), Error> {
