@@ -47,8 +47,8 @@ pub trait Device: Send {
 
 /// Stages of sensors on a device, which take light that stays there.
 pub trait Stages {
-    /// Whether they are those of view `view`.
-    fn has(&self, view: usize) -> bool;
+    /// Whether they are those of view `view` with this sensor.
+    fn has(&self, view: usize, own: &ViewSensor) -> bool;
 
     /// How many numbers of light stay since [`Stages::sense`]: the number of the next one.
     fn light_count(&self) -> u32;
@@ -56,11 +56,11 @@ pub trait Stages {
     /// Whether [`Stages::sense`] must take it before more is found.
     fn is_full(&self) -> bool;
 
-    /// Lets the pixels of one of these views begin with their first `light`, row by row, at a time of the stream in microseconds; all
+    /// Lets the pixels of a view that it has begin with their first `light`, row by row, at a time of the stream in microseconds; all
     /// that is random in them follows from the sensor and key given here.
     ///
     /// # Errors
-    /// The device is lost, and a sensor with other stages than the view had.
+    /// The device is lost.
     fn begin(&mut self, view: usize, own: &ViewSensor, t_us: i64, light: &[f32]) -> Result<(), Error>;
 
     /// Takes `more` light, which follows that which stays, and gives sensors what `views` have seen of it, after which none stays.
@@ -151,8 +151,9 @@ impl Loaded {
     }
 
     /// What may be packed for it of view `view`.
-    pub(crate) fn packs(&mut self, view: usize) -> Packs {
-        Packs { maps: self.has_maps, stays: self.device.stages().is_some_and(|stages| stages.has(view)) }
+    pub(crate) fn packs(&mut self, view: usize, own: &ViewSensor) -> Packs {
+        let stays = self.device.stages().is_some_and(|stages| stages.has(view, own));
+        Packs { maps: self.has_maps, stays }
     }
 
     /// See [`Device::stages`].

@@ -82,11 +82,8 @@ pub(crate) fn follow(
     let lists: Vec<Lists> = turns.par_iter_mut().map(Turn::prepare).collect::<Result<_, _>>()?;
     let mut entered: Vec<Entered> =
         turns.into_iter().zip(&lists).map(|(turn, lists)| turn.enter(lists)).collect();
-    // A view may have got another sensor since.
-    let mut packs = |own: &Entered| {
-        let packs = device.as_mut()?.packs(own.pixels.view);
-        Some(Packs { stays: packs.stays && own.pixels.following.sensing.is_some(), ..packs })
-    };
+    let mut packs =
+        |own: &Entered| device.as_mut().map(|device| device.packs(own.pixels.view, &own.pixels.own));
     let packs: Vec<Option<Packs>> = entered.iter().map(&mut packs).collect();
     entered.par_iter_mut().zip(&packs).with_max_len(1).for_each(|(own, packs)| own.follow(*packs, stop));
     if let Some(device) = device {

@@ -13,10 +13,9 @@ fn number() -> u32 {
 
 // Share of the mean time that the next leak event takes, from the time at which the reference moved.
 fn jitter_at(t: u32) -> f32 {
-    let low = clock.x + t;
-    let high = clock.y + select(0u, 1u, low < t);
-    let part = (low >> JITTER_SHIFT) & ((1u << (EPOCH_SHIFT - JITTER_SHIFT)) - 1u);
-    let words = draw(key, number(), STREAM_LEAK_JITTER, low, high, part) >> vec4<u32>(10u);
+    let time = later(clock, t);
+    let part = (time.x >> JITTER_SHIFT) & ((1u << (EPOCH_SHIFT - JITTER_SHIFT)) - 1u);
+    let words = draw(key, number(), STREAM_LEAK_JITTER, time.x, time.y, part) >> vec4<u32>(10u);
     let sum = f32(words.x + words.y + words.z + words.w) * (1.0 / 4194304.0);
     return 1.0 + sensor.leak_jitter * ((sum - 2.0) * 1.7320508);
 }

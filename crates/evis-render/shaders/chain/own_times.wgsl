@@ -51,9 +51,5 @@ fn own_time(number: u32, parts: u32) -> u32 {
 fn set_own_interval(from_us: u32, to_us: u32) {
     start = from_us;
     interval = to_us - from_us;
-    let base = params.spans[0].zw;
-    clock = vec2<u32>(base.x + from_us, base.y);
-    if (clock.x < base.x) {
-        clock.y += 1u;
-    }
+    clock = later(params.spans[0].zw, from_us);
 }

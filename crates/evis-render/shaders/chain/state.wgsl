@@ -159,6 +159,12 @@ fn store_memory(last: bool, end: u32) {
     }
 }
 
+// A time of the stream, low and high word, `us` microseconds after another one.
+fn later(time: vec2<u32>, us: u32) -> vec2<u32> {
+    let low = time.x + us;
+    return vec2<u32>(low, time.y + select(0u, 1u, low < us));
+}
+
 // The interval of `step` instants that ends at `instant`.
 fn set_interval(instant: u32, step: u32) {
     let span = span_between(instant + 1u - step, instant);

@@ -159,7 +159,7 @@ fn take_own_parts(own: OwnTimes) {
     var now = own_time(0u, count);
     // Part 0 is a jump: light was as before until the start.
     for (var part = select(1u, 0u, jumps); part <= count; part++) {
-        var end = own_time(0u, count) + 1u;
+        var end = now + 1u;
         if (part > 0u) {
             end = select(own_time(part, count), block_word(3u), part == count);
         }
@@ -183,29 +183,28 @@ fn find_room(block: u32) {
     }
 }
 
-// Through the view's block, where times are the pixel's own; its memory is loaded.
-fn take_block(block: u32, emits: bool) {
+// Through the view's block, where times are the pixel's own; returns where that ends.
+fn take_block(block: u32) -> u32 {
     let own = own_times();
-    let rests = (own.flags & LIGHT_RESTS) != 0u;
-    if (!rests) {
-        // What is remembered are ages at the end of the view's last block, where this one begins.
-        let begin = own_time(0u, 1u);
-        moved += i32(begin);
-        fired += i32(begin);
-        find_candidates(begin, block);
-        take_own_parts(own);
+    if ((own.flags & LIGHT_RESTS) != 0u) {
+        return 0u;
     }
-    if (emits) {
-        if (written != room) {
-            atomicAdd(&report.status.mismatched, 1u);
-        }
-        return;
-    }
-    cells[index] = written;
-    store_memory(true, select(block_word(3u), 0u, rests));
-    if (written > KEPT) {
-        enlist(crowded(), list_of_crowded());
-    }
+    // What is remembered are ages at the end of the view's last block, where this one begins.
+    let begin = own_time(0u, 1u);
+    moved += i32(begin);
+    fired += i32(begin);
+    find_candidates(begin, block);
+    take_own_parts(own);
+    return block_word(3u);
+}
+
+// Through all instants from the first one of the dispatch on; returns whether the pixel has come to the end.
+fn take_all_instants(block: u32) -> bool {
+    let begin = job.instant;
+    // A pixel's first interval may have begun before the first instant.
+    let first_step = step_at(pixel, view, begin);
+    find_candidates(params.spans[sample_from(begin, first_step) + 1u - first_step].x, block);
+    return take_instants(begin);
 }
 
 fn take_pixel(at: vec2<u32>, of_view: u32) {
@@ -221,15 +220,15 @@ fn take_pixel(at: vec2<u32>, of_view: u32) {
         written = cells[index];
     }
     load_memory(wakes_here);
+    var is_done = true;
+    var end = 0u;
     if (OWN_TIMES) {
-        take_block(block, emits);
-        return;
+        end = take_block(block);
+    } else {
+        is_done = take_all_instants(block);
+        let last = params.spans[params.instants - 1u];
+        end = last.x + last.y;
     }
-    let begin = job.instant;
-    // A pixel's first interval may have begun before the first instant.
-    let first_step = step_at(pixel, view, begin);
-    find_candidates(params.spans[sample_from(begin, first_step) + 1u - first_step].x, block);
-    let is_done = take_instants(begin);
     if (emits) {
         if (written != room) {
             atomicAdd(&report.status.mismatched, 1u);
@@ -237,8 +236,7 @@ fn take_pixel(at: vec2<u32>, of_view: u32) {
         return;
     }
     cells[index] = written;
-    let end = params.spans[params.instants - 1u];
-    store_memory(is_done, end.x + end.y);
+    store_memory(is_done, end);
     if (is_done && written > KEPT) {
         enlist(crowded(), list_of_crowded());
     }

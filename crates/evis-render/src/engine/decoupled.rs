@@ -180,7 +180,10 @@ impl Decoupled {
         let value = match (on_frames, now) {
             (Some(what), None) => format!("one with {what}, which is defined on frames"),
             (None, Some(what)) => format!("one without {what}, which is defined on frames"),
-            _ if self.settings.devices.is_some() => return check_stages(&self.views[view].sensor, sensor),
+            // The device makes arrays of what its stages fire, and of nothing else.
+            _ if stages::lock(&self.made).makes(view) && !share_passes(&self.views[view].sensor, sensor) => {
+                return Err(other_stages());
+            }
             _ => return Ok(()),
         };
         Err(ConfigError::new("sensor", value, "one that is defined on frames if the simulator's own is"))
@@ -332,14 +335,6 @@ impl Decoupled {
         packet.report = report;
         Ok(packet)
     }
-}
-
-/// Whether a view on a device can have `sensor` in the place of `now`: the device has the stages of what it began with.
-fn check_stages(now: &SensorConfig, sensor: &SensorConfig) -> Result<(), ConfigError> {
-    if now.is_ideal() || sensor.is_ideal() || share_passes(now, sensor) {
-        return Ok(());
-    }
-    Err(other_stages())
 }
 
 /// What renders labels and frames, and where there are any the tiles `rendered` of `views`.

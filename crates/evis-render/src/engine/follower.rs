@@ -10,11 +10,12 @@ use evis_decoupled::{Device, Devices, Error, ViewSensor};
 use wgpu::util::DeviceExt;
 
 use crate::config::dense::DenseOutput;
-use crate::engine::stages::{self, LIGHT_ROW_BYTES, MadeArrays, Stages};
+use crate::engine::stages::{LIGHT_ROW_BYTES, MadeArrays, Stages};
 use crate::error::EngineError;
 use crate::gpu::Gpu;
 use crate::gpu::buffer::{GrowingBuffer, aligned};
 use crate::gpu::commands::Commands;
+use crate::gpu::readback::read;
 use crate::gpu::sizes::{self, UNIFORM_ALIGNMENT};
 use crate::gpu::uniforms::{Batch, Turn};
 use crate::pass::decoupled::{CLASSES, GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH_WORDS};
@@ -214,12 +215,6 @@ impl Follower {
         Ok(())
     }
 
-    /// Ranges of bytes of buffers, one after the other.
-    fn read(&self, parts: &[(&GrowingBuffer, Range<u64>)]) -> Result<Vec<u8>, Error> {
-        let parts: Vec<_> = parts.iter().map(|(buffer, range)| (buffer.get(), range.clone())).collect();
-        stages::read(&self.gpu, Commands::new(&self.gpu, "read followed pixels"), &parts)
-    }
-
     /// Sends `block` up, but for its pixels.
     fn send(&mut self, block: &Block) -> Result<(), Error> {
         let (points, jobs): (&[u8], &[u8]) =
@@ -295,8 +290,8 @@ impl Follower {
                     pass.encode(&mut commands, group, &[offset], (own, rows, 1));
                 }
             }
-            commands.submit(&self.gpu);
-            let head = self.read(&[(&self.events, 0..u64::from(HEAD_WORDS) * 4)])?;
+            let head = [(self.events.get(), 0..u64::from(HEAD_WORDS) * 4)];
+            let head = read(&self.gpu, commands, &head).map_err(refused)?;
             let word = |at: usize| bytemuck::pod_read_unaligned::<u32>(&head[4 * at..][..4]);
             (used, first) = (word(0), ROUNDS);
             going_on = std::array::from_fn(|class| word(count_at(class, rounds)));
@@ -383,16 +378,21 @@ impl Device for Follower {
         }
         let used = used.min(capacity);
         let pixels = size_of_val(&block.pixels[..]);
+        let mut commands = Commands::new(&self.gpu, "read followed pixels");
         let mut light = light_bytes(block);
         let mut light_at = 0;
         if let Some(stages) = self.stages.as_mut().filter(|_| block.light_stays) {
-            light_at = stages.keep(self.scratch.get(), light.start, block.light as u32)?;
+            let from = (self.scratch.get(), light.start);
+            light_at = stages.keep(&mut commands, from, block.light as u32)?;
             light.end = light.start;
         }
         let light_size = (light.end - light.start) as usize;
-        let parts =
-            [(&self.pixels, 0..pixels as u64), (&self.scratch, light), (&self.events, 0..event_bytes(used))];
-        let bytes = self.read(&parts)?;
+        let parts = [
+            (self.pixels.get(), 0..pixels as u64),
+            (self.scratch.get(), light),
+            (self.events.get(), 0..event_bytes(used)),
+        ];
+        let bytes = read(&self.gpu, commands, &parts).map_err(refused)?;
         let (pixels, bytes) = bytes.split_at(pixels);
         let (light, events) = bytes.split_at(light_size);
         block.pixels = bytemuck::pod_collect_to_vec::<u8, Pixel>(pixels);

@@ -8,7 +8,7 @@ pub mod follower;
 mod recover;
 mod reset;
 pub mod simulator;
-mod stages;
+pub(crate) mod stages;
 pub mod submission;
 
 #[cfg(test)]

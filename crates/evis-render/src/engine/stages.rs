@@ -13,7 +13,7 @@ use evis_decoupled::{Error, ViewSensor};
 use crate::config::dense::DenseOutput;
 use crate::gpu::Gpu;
 use crate::gpu::commands::Commands;
-use crate::gpu::readback::{map, wait_mapped};
+use crate::gpu::readback::{map, read, wait_mapped};
 use crate::gpu::sizes::{self, DeviceLimits, MethodNeeds, Plan};
 use crate::gpu::texture::{array, whole};
 use crate::gpu::uniforms::Status;
@@ -30,8 +30,9 @@ use crate::sensor::targets::Targets;
 use crate::sensor::trigger::{clear_tallies, steps_at};
 use crate::sensor::unpack;
 
-/// Numbers of light in a row of its texture, and rows in a layer; `chain/own_times.wgsl` has the same constant.
-const LIGHT_SIDE: u32 = 1 << 10;
+/// Numbers of light in a row of its texture, and rows in a layer, as powers of two; `chain/own_times.wgsl` has the same constant.
+pub(crate) const LIGHT_SHIFT: u32 = 10;
+const LIGHT_SIDE: u32 = 1 << LIGHT_SHIFT;
 /// Bytes that must be there behind light that is kept.
 pub(super) const LIGHT_ROW_BYTES: u64 = 4 * LIGHT_SIDE as u64;
 /// Events that a group's buffer holds at first.
@@ -52,6 +53,11 @@ impl MadeArrays {
         let windows = self.views.get_mut(view)?.as_mut()?;
         let count = windows.iter().take_while(|window| window.end_us <= until_us).count();
         Some(windows.drain(..count).collect())
+    }
+
+    /// Whether arrays are made of the events of view `view`.
+    pub fn makes(&self, view: usize) -> bool {
+        self.views.get(view).is_some_and(Option::is_some)
     }
 
     /// How many events there were since it was asked last.
@@ -88,10 +94,21 @@ struct Stage {
     /// What each pixel sees, a layer per view.
     seen: wgpu::TextureView,
     slot: Slot,
-    /// Views whose pixels begin: when, in microseconds of the stream, and at which number their first light is.
-    beginning: Vec<Option<(i64, u32)>>,
+    /// Views whose pixels begin.
+    beginning: Vec<Option<Beginning>>,
     /// Per view, stream time before which all of its events are there.
     complete_us: Vec<i64>,
+}
+
+/// How the pixels of a view begin.
+#[derive(Clone, Copy)]
+struct Beginning {
+    /// When, in microseconds of the stream.
+    t_us: i64,
+    /// Number of their first light.
+    first: u32,
+    /// What is frozen in them, and their noise, are others than before.
+    redrawn: bool,
 }
 
 /// When blocks of a group's views are, as its views have it, and in whole microseconds of the stream.
@@ -248,22 +265,20 @@ impl Stages {
         Ok(first)
     }
 
-    /// Keeps `count` numbers of light, which lie from byte `offset` of `buffer` on, with a row more behind them; the number of the
-    /// first.
-    pub fn keep(&mut self, buffer: &wgpu::Buffer, offset: u64, count: u32) -> Result<u32, Error> {
+    /// Records that `count` numbers of light are kept, which lie from byte `offset` of `buffer` on, with a row more behind them; the
+    /// number of the first.
+    pub fn keep(
+        &mut self,
+        commands: &mut Commands,
+        (buffer, offset): (&wgpu::Buffer, u64),
+        count: u32,
+    ) -> Result<u32, Error> {
         let first = self.reserve(count)?;
-        let mut commands = Commands::new(&self.gpu, "light that stays");
         for (row, rows, texture) in parts(&self.light, first, count) {
-            let offset = offset + u64::from(row) * u64::from(LIGHT_SIDE) * 4;
-            let layout = wgpu::TexelCopyBufferLayout {
-                offset,
-                bytes_per_row: Some(LIGHT_SIDE * 4),
-                rows_per_image: None,
-            };
+            let layout = rows_at(offset + u64::from(row) * LIGHT_ROW_BYTES, LIGHT_ROW_BYTES as u32);
             let source = wgpu::TexelCopyBufferInfo { buffer, layout };
             commands.copy_buffer_to_texture(source, texture, rows);
         }
-        commands.submit(&self.gpu);
         Ok(first)
     }
 
@@ -275,11 +290,7 @@ impl Stages {
         rows_of.resize(light.len().next_multiple_of(LIGHT_SIDE as usize), 0.0);
         for (row, rows, texture) in parts(&self.light, first, count) {
             let values = &rows_of[(row * LIGHT_SIDE) as usize..][..(rows.height * LIGHT_SIDE) as usize];
-            let layout = wgpu::TexelCopyBufferLayout {
-                offset: 0,
-                bytes_per_row: Some(LIGHT_SIDE * 4),
-                rows_per_image: None,
-            };
+            let layout = rows_at(0, LIGHT_ROW_BYTES as u32);
             self.gpu.queue.write_texture(texture, bytemuck::cast_slice(values), layout, rows);
         }
         Ok(first)
@@ -287,8 +298,9 @@ impl Stages {
 }
 
 impl evis_decoupled::Stages for Stages {
-    fn has(&self, view: usize) -> bool {
-        self.places.get(view).is_some_and(Option::is_some)
+    fn has(&self, view: usize, own: &ViewSensor) -> bool {
+        let place = self.places.get(view).copied().flatten();
+        place.is_some_and(|[group, place]| share_passes(&self.groups[group].views[place].sensor, &own.sensor))
     }
 
     fn light_count(&self) -> u32 {
@@ -303,31 +315,10 @@ impl evis_decoupled::Stages for Stages {
         let Some([index, place]) = self.places[view] else { return Ok(()) };
         let first = self.write(light)?;
         let stage = &mut self.groups[index];
-        let known = &mut stage.views[place];
-        if known.sensor != own.sensor || known.key != own.key {
-            if !share_passes(&known.sensor, &own.sensor) {
-                return Err(Error::Device(
-                    "a sensor with other stages than its view had; choose one with the same, or let the processor follow pixels"
-                        .into(),
-                ));
-            }
-            *known = own.clone();
-            let mut beginning = vec![false; stage.views.len()];
-            beginning[place] = true;
-            let class = stage.group.targets;
-            if let (Some(passes), Some(chain)) = (self.passes.chain(class), &mut stage.group.chain) {
-                let own: Vec<_> = stage.views.iter().map(sensing).collect();
-                let (size, reference) = (stage.views[place].size, stage.views[place].reference_luminance);
-                chain
-                    .reset_views(GroupChain::new(&self.gpu, &passes.plan, size, &own, reference), &beginning);
-            }
-        }
-        stage.beginning[place] = Some((t_us, first));
-        if let Some(dense) = &self.dense {
-            let mut commands = Commands::new(&self.gpu, "reset of dense arrays");
-            dense.clear(&mut commands, index, place);
-            commands.submit(&self.gpu);
-        }
+        let known = &stage.views[place];
+        let redrawn = known.sensor != own.sensor || known.key != own.key;
+        stage.views[place] = own.clone();
+        stage.beginning[place] = Some(Beginning { t_us, first, redrawn });
         Ok(())
     }
 
@@ -341,9 +332,10 @@ impl evis_decoupled::Stages for Stages {
             let Self { gpu, passes, targets, groups, places, dense, made, .. } = &mut *self;
             let stage = &mut groups[index];
             let targets = &mut targets[stage.group.targets];
+            // In the place of what is rendered, and of how often tiles are: see `chain/own_times.wgsl`.
             targets.layers.array = light.clone();
             targets.tile_rates_view = stage.seen.clone();
-            stage.begin_views(gpu, passes, targets)?;
+            stage.begin_views(gpu, passes, (targets, index), dense.as_ref())?;
             let mut of = vec![None; stage.views.len()];
             for (number, seen) in views.iter().enumerate() {
                 if let Some([group, place]) = places[seen.view]
@@ -368,6 +360,11 @@ impl evis_decoupled::Stages for Stages {
         self.light_count = 0;
         Ok((fired, losses))
     }
+}
+
+/// Rows of so many bytes, from byte `offset` of a buffer on.
+fn rows_at(offset: u64, bytes: u32) -> wgpu::TexelCopyBufferLayout {
+    wgpu::TexelCopyBufferLayout { offset, bytes_per_row: Some(bytes), rows_per_image: None }
 }
 
 /// A texture of light, of so many layers.
@@ -441,30 +438,46 @@ impl Stage {
         let texture = self.seen.texture();
         let origin = wgpu::Origin3d { x: 0, y: 0, z: place as u32 };
         let size = wgpu::Extent3d { depth_or_array_layers: 1, ..texture.size() };
-        let layout = wgpu::TexelCopyBufferLayout {
-            offset: 0,
-            bytes_per_row: Some(size.width * 8),
-            rows_per_image: None,
-        };
+        let layout = rows_at(0, size.width * size_of::<[u32; 2]>() as u32);
         let place = wgpu::TexelCopyTextureInfo { origin, ..texture.as_image_copy() };
         gpu.queue.write_texture(place, bytemuck::cast_slice(pixels), layout, size);
     }
 
-    /// Lets views begin that are to.
-    fn begin_views(&mut self, gpu: &Gpu, passes: &TriggerPasses, targets: &Targets) -> Result<(), Error> {
+    /// Lets views begin that are to; nothing has fired in them so far.
+    fn begin_views(
+        &mut self,
+        gpu: &Gpu,
+        passes: &TriggerPasses,
+        (targets, index): (&Targets, usize),
+        dense: Option<&DenseArrays>,
+    ) -> Result<(), Error> {
         if self.beginning.iter().all(Option::is_none) {
             return Ok(());
         }
         let beginning = std::mem::replace(&mut self.beginning, vec![None; self.views.len()]);
-        let pixels = targets.width * targets.height;
-        for (place, (_, first)) in beginning.iter().enumerate().filter_map(|(k, own)| Some((k, (*own)?))) {
-            let seen: Vec<_> = (first..first + pixels).map(|number| [number, LIGHT_BEGINS]).collect();
-            self.write_seen(gpu, place, &seen);
+        let redrawn: Vec<bool> = beginning.iter().map(|own| own.is_some_and(|own| own.redrawn)).collect();
+        if redrawn.contains(&true)
+            && let (Some(passes), Some(chain)) = (passes.chain(self.group.targets), &mut self.group.chain)
+        {
+            let (own, first): (Vec<_>, _) = (self.views.iter().map(sensing).collect(), &self.views[0]);
+            let fresh = GroupChain::new(gpu, &passes.plan, first.size, &own, first.reference_luminance);
+            chain.reset_views(fresh, &redrawn);
         }
+        let pixels = targets.width * targets.height;
+        let mut commands = Commands::new(gpu, "reset of dense arrays");
+        for (place, own) in beginning.iter().enumerate().filter_map(|(k, own)| Some((k, (*own)?))) {
+            let numbers = own.first..own.first + pixels;
+            let seen: Vec<_> = numbers.map(|number| [number, LIGHT_BEGINS]).collect();
+            self.write_seen(gpu, place, &seen);
+            if let Some(dense) = dense {
+                dense.clear(&mut commands, index, place);
+            }
+        }
+        commands.submit(gpu);
         // Some microsecond of length: what has none rests.
-        let span = |own: &Option<(i64, u32)>| own.map(|(t_us, _)| [t_us as f64, t_us as f64 + 1.0]);
+        let span = |own: &Option<Beginning>| own.map(|own| [own.t_us as f64, own.t_us as f64 + 1.0]);
         let blocks = Blocks::new(&beginning.iter().map(span).collect::<Vec<_>>());
-        self.run(gpu, passes, (targets, 0), (&blocks, true), None)?;
+        self.run(gpu, passes, (targets, index), (&blocks, true), None)?;
         Ok(())
     }
 
@@ -568,7 +581,7 @@ impl Stage {
             clear_tallies(&mut commands, &self.group);
             encode_trigger(&mut commands, &steps);
             let head = [(&self.group.status, 0..header), (&self.group.view_offsets, 0..offsets)];
-            let bytes = read(gpu, commands, &head)?;
+            let bytes = read(gpu, commands, &head).map_err(failed)?;
             let status: Status = bytemuck::pod_read_unaligned(&bytes[..header as usize]);
             if status.mismatched > 0 {
                 return Err(failed(format!(
@@ -585,7 +598,8 @@ impl Stage {
             let mut all = bytes[header as usize..].to_vec();
             if status.event_count > 0 && !dense.as_ref().is_some_and(|dense| dense.makes(index)) {
                 let events = [(&self.slot.events, 0..u64::from(status.event_count) * 8)];
-                all.extend(read(gpu, Commands::new(gpu, "events of stages"), &events)?);
+                let commands = Commands::new(gpu, "events of stages");
+                all.extend(read(gpu, commands, &events).map_err(failed)?);
             }
             return Ok((status, all));
         }
@@ -606,29 +620,4 @@ impl Stage {
         self.slot.feed = feed;
         Ok(())
     }
-}
-
-/// Ranges of bytes of buffers, one after the other, once `commands` are done.
-pub(super) fn read(
-    gpu: &Gpu,
-    mut commands: Commands,
-    parts: &[(&wgpu::Buffer, std::ops::Range<u64>)],
-) -> Result<Vec<u8>, Error> {
-    let staging = gpu.device.create_buffer(&wgpu::BufferDescriptor {
-        label: Some("what a device has found"),
-        size: parts.iter().map(|(_, range)| range.end - range.start).sum(),
-        usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    });
-    let mut at = 0;
-    for (buffer, range) in parts {
-        let bytes = range.end - range.start;
-        commands.copy_buffer_to_buffer(buffer, range.start, &staging, at, bytes);
-        at += bytes;
-    }
-    let submission = commands.submit(gpu);
-    wait_mapped(gpu, &submission, &map(&staging)).map_err(failed)?;
-    let mapped = staging.get_mapped_range(..);
-    let bytes = mapped.map_err(|error| failed(format!("cannot read what came back: {error}")))?;
-    Ok(bytes.to_vec())
 }

@@ -118,8 +118,8 @@ impl DenseArrays {
         ((MOST_WINDOWS * self.output.window_us) as f64 / grid.longest_interval_us()) as i64
     }
 
-    /// Steps that add the events of a submission of `group`, which has this index, to the windows that it overlaps: where a sensor is thresholds alone as they fire, of
-    /// others the events that `slot` has.
+    /// Steps that add the events of a submission of `group`, which has this index, to the windows that it overlaps: where a sensor
+    /// is thresholds alone as they fire, of others the events that `slot` has.
     pub fn steps<'a>(
         &mut self,
         gpu: &Gpu,

@@ -570,6 +570,12 @@ fn constants_agree() {
     assert_eq!(constant("trigger/count.wgsl", "MAX_EVENTS_PER_INTERVAL"), limit);
     let chain_constants = [
         ("VIEW_WORDS", f64::from(crate::sensor::chain::VIEW_WORDS)),
+        ("BLOCK_WORD", crate::sensor::chain::BLOCK_WORD as f64),
+        ("LIGHT_SHIFT", f64::from(crate::engine::stages::LIGHT_SHIFT)),
+        ("LIGHT_PARTS", evis_decoupled::packed::LIGHT_PARTS.into()),
+        ("LIGHT_JUMPS", evis_decoupled::packed::LIGHT_JUMPS.into()),
+        ("LIGHT_RESTS", evis_decoupled::packed::LIGHT_RESTS.into()),
+        ("LIGHT_BEGINS", evis_decoupled::packed::LIGHT_BEGINS.into()),
         ("CANDIDATE_WORDS", f64::from(crate::sensor::chain::CANDIDATE_WORDS)),
         ("OLD", f64::from(crate::config::OLD_US)),
         ("TALLY_WORDS", f64::from(crate::sensor::chain::TALLY_WORDS)),

@@ -120,14 +120,15 @@ impl Lighting<'_> {
     /// How many intervals of the block light of a facet whose light changes needs within a range of (s, t), a power of two; and
     /// how many widths of highlights, or of what bends light as much, go by there during the block.
     pub(super) fn intervals(&self, facet: u32, [low, high]: [[f64; 2]; 2], front: bool) -> (u32, f64) {
-        let mean = self.answers[self.world.facets[facet as usize].surface as usize].mean_base;
-        let base = mean.max(DVec3::splat(0.05));
+        let answer = &self.answers[self.world.facets[facet as usize].surface as usize];
+        let base = answer.mean_base.max(DVec3::splat(0.05));
         let at = [0.0, 0.5, 1.0].map(|u| self.facet_at(facet, front, u));
         let middle = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
         let places = [middle, low, high, [low[0], high[1]], [high[0], low[1]]];
         let points = places.map(|place| [0, 1, 2].map(|k| at[k].point(place)));
         let mut bend = 0.0_f64;
-        for point in &points {
+        // Light of maps is found at each evaluation.
+        for point in points.iter().filter(|_| answer.maps.is_none()) {
             let mut light = [0.0; 3];
             for ((light, point), at) in light.iter_mut().zip(point).zip(&at) {
                 let mut responses = [Response::default(); 1 + MOST_OWN];

@@ -13,7 +13,7 @@ use crate::config::dense::{DenseKind, DenseOutput};
 use crate::config::{Compute, Method, RunConfig};
 use crate::engine::Engine;
 use crate::engine::decoupled::Decoupled;
-use crate::engine::simulator::Simulator;
+use crate::engine::simulator::{EnvironmentSensor, Simulator};
 use crate::gpu::Gpu;
 use crate::output::packet::Packet;
 use crate::output::{DenseValues, DenseWindow};
@@ -237,17 +237,82 @@ fn a_device_that_follows_pixels_makes_arrays_of_their_events() {
     }
 }
 
+/// Two environments in which a host moves what spins.
+fn driven() -> Arc<Scene> {
+    let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
+    scene.variants = vec![Variant::default(), Variant::default()];
+    let node = scene.nodes.iter().find(|node| node.mesh.is_some()).unwrap().name.clone();
+    let nodes = [node];
+    scene.leave_to_host(&HostNames { nodes: &nodes, ..HostNames::default() }, 0).unwrap();
+    Arc::new(scene)
+}
+
+/// A device has the stages of the sensor that a view began with. With others its light comes down; where the device makes arrays of
+/// its events, it keeps them.
+#[test]
+fn views_on_a_device_get_other_sensors_at_a_reset() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let mut brisk = staged();
+    brisk.threshold_on = 0.1;
+    let mut held = SensorConfig::default();
+    held.refractory.period_us = 500;
+    let pose = |t_us: i64| HostPose::new(t_us, [t_us as f64 * 3e-5, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], None);
+    let new = |compute, dense: Option<DenseOutput>| {
+        let config = RunConfig {
+            method: Method::Decoupled,
+            compute,
+            sensor: staged(),
+            pose_step_us: Some(WINDOW_US),
+            dense,
+            ..config()
+        };
+        Simulator::new(&gpu, driven(), config).unwrap()
+    };
+    let reset = |simulator: &mut Simulator, of: &[usize], sensor: Option<&SensorConfig>| {
+        let poses: Vec<_> = of.iter().map(|environment| (*environment, 0, pose(0))).collect();
+        let jump = HostJump { poses: &poses, ..HostJump::default() };
+        let of_sensor =
+            |sensor: &SensorConfig| EnvironmentSensor { environment: 1, camera: 0, sensor: sensor.clone() };
+        let sensors: Vec<_> = sensor.map(of_sensor).into_iter().collect();
+        simulator.reset_to(of, &[], &sensors, &[], &jump)
+    };
+    let steps = |simulator: &mut Simulator, sensors: &[SensorConfig]| {
+        reset(simulator, &[0, 1], None).unwrap();
+        let mut fired = Vec::new();
+        for (step, sensor) in (1..).zip(sensors) {
+            reset(simulator, &[1], Some(sensor)).unwrap();
+            let until_us = step * WINDOW_US;
+            let poses = [0, 1].map(|environment| (environment, 0, vec![pose(until_us)]));
+            fired.push(
+                simulator.step_with(until_us, &HostStep { poses: &poses, ..HostStep::default() }).unwrap(),
+            );
+        }
+        fired
+    };
+    let sensors = [brisk.clone(), SensorConfig::default(), held.clone(), staged()];
+    let [own, followed] =
+        [Compute::Cpu, Compute::Gpu].map(|compute| steps(&mut new(compute, None), &sensors));
+    let counts = |packets: &[Packet]| -> Vec<usize> {
+        packets.iter().flat_map(|packet| packet.views.iter().map(|view| view.events.len())).collect()
+    };
+    let (own, followed) = (counts(&own), counts(&followed));
+    println!("{own:?} and {followed:?} events");
+    assert!(own.iter().zip(&followed).all(|(own, followed)| own.abs_diff(*followed) <= 2 + own / 20));
+    // Most of them are noise, which two of the sensors have not.
+    let is_noisy: Vec<bool> = own.iter().map(|count| *count > 300).collect();
+    assert_eq!(is_noisy, [true, true, true, false, true, false, true, true], "{own:?}");
+    let mut arrays = new(Compute::Gpu, dense(DenseKind::Counts));
+    let made = steps(&mut arrays, &[brisk, staged()]);
+    assert!(made.iter().flat_map(|packet| &packet.views).all(|view| view.dense.as_ref().unwrap().len() == 1));
+    for other in [SensorConfig::default(), held] {
+        let refused = reset(&mut arrays, &[1], Some(&other)).unwrap_err().to_string();
+        assert!(refused.contains("stages that are on stay on"), "{refused}");
+    }
+}
+
 #[test]
 fn a_reset_environment_has_nothing_of_before() {
     let Some(gpu) = crate::tests::device() else { return };
-    let scene = || {
-        let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
-        scene.variants = vec![Variant::default(), Variant::default()];
-        let node = scene.nodes.iter().find(|node| node.mesh.is_some()).unwrap().name.clone();
-        let nodes = [node];
-        scene.leave_to_host(&HostNames { nodes: &nodes, ..HostNames::default() }, 0).unwrap();
-        Arc::new(scene)
-    };
     let own = RunConfig { rate_hz: 500.0, pose_step_us: Some(WINDOW_US), ..config() };
     let followed = RunConfig {
         method: Method::Decoupled,
@@ -260,7 +325,7 @@ fn a_reset_environment_has_nothing_of_before() {
     let run = |dense: Option<DenseOutput>, config: &RunConfig| {
         let speed = if config.method == Method::Decoupled { 4e-6 } else { 4e-5 };
         let config = RunConfig { dense, ..config.clone() };
-        let mut simulator = Simulator::new(&gpu, scene(), config).unwrap();
+        let mut simulator = Simulator::new(&gpu, driven(), config).unwrap();
         let pose =
             |t_us: i64| HostPose::new(t_us, [t_us as f64 * speed, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], None);
         let mut packets = Vec::new();
@@ -295,7 +360,7 @@ fn a_reset_environment_has_nothing_of_before() {
     }
     // Between two windows there is no reset.
     let config = RunConfig { dense: Some(DenseOutput { kind, window_us: 3000 }), ..own };
-    let mut simulator = Simulator::new(&gpu, scene(), config).unwrap();
+    let mut simulator = Simulator::new(&gpu, driven(), config).unwrap();
     simulator.step_with(WINDOW_US, &HostStep::default()).unwrap();
     let refused = simulator.reset(&[0], &[], &[]).unwrap_err().to_string();
     assert!(refused.contains("dense_window_us (3000 us)"), "{refused}");
