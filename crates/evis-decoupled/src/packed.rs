@@ -324,6 +324,17 @@ pub const LIGHT_BEGINS: u32 = 1 << 18;
 pub const LIGHT_PARTS: u32 = LIGHT_JUMPS - 1;
 
 impl Block {
+    /// Empties it, before [`Block::add_row`]; what a device keeps from now on begins at row `kept_from`.
+    pub fn begin(&mut self, kept_from: u32, light_stays: bool) {
+        self.entries.clear();
+        self.words.clear();
+        self.points.clear();
+        self.kept.clear();
+        self.pixels.clear();
+        self.jobs.clear();
+        (self.kept_from, self.light, self.light_stays) = (kept_from, 0, light_stays);
+    }
+
     /// Adds a row of the last of its views, whose patches are kept at the rows `patches` and after them.
     pub fn add_row(&mut self, row: &Row, patches: &[u32]) {
         let bases = self.words.len();

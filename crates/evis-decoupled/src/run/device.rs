@@ -97,6 +97,8 @@ pub(crate) struct Loaded {
     sky: Option<packed::Sky>,
     /// Appearances of facets that views have, or had.
     looks: Vec<Weak<[[f32; 4]]>>,
+    /// What was followed last: its arrays have the room that the next one needs.
+    block: packed::Block,
 }
 
 /// What may be packed for a device.
@@ -124,11 +126,11 @@ pub(crate) struct ViewRow<'r> {
 }
 
 /// What became of the pixels of some rows.
-pub(crate) struct Followed {
+pub(crate) struct Followed<'f> {
     /// How many rows these are.
     pub rows: usize,
     /// Row by row.
-    pub pixels: Vec<packed::Pixel>,
+    pub pixels: &'f [packed::Pixel],
     /// In the order of pixels; light row by row.
     pub found: packed::Found,
 }
@@ -146,8 +148,8 @@ impl Loaded {
         let Some(devices) = devices else { return Ok(None) };
         let (textures, has_maps) = shared.pack(scene, devices.texture_room());
         let device = devices.open(&textures, views)?;
-        let (kept, looks) = (HashMap::default(), Vec::new());
-        Ok(Some(Self { device, has_maps, kept, rows: 0, sky: pack_sky(scene), looks }))
+        let (kept, looks, block) = (HashMap::default(), Vec::new(), packed::Block::default());
+        Ok(Some(Self { device, has_maps, kept, rows: 0, sky: pack_sky(scene), looks, block }))
     }
 
     /// What may be packed for it of view `view`.
@@ -179,23 +181,25 @@ impl Loaded {
     ///
     /// # Errors
     /// As [`Device::follow`].
-    pub(crate) fn follow(&mut self, rows: &[ViewRow]) -> Result<Followed, Error> {
-        let (mut block, count) = self.gather(rows);
+    pub(crate) fn follow(&mut self, rows: &[ViewRow]) -> Result<Followed<'_>, Error> {
+        let mut block = std::mem::take(&mut self.block);
+        let count = self.gather(rows, &mut block);
+        self.block = block;
+        let block = &mut self.block;
         let mut found = packed::Found::default();
         if !block.pixels.is_empty() {
-            found = self.device.follow(&mut block)?;
+            found = self.device.follow(block)?;
             // Stable: those of one pixel are in firing order.
             found.events.sort_by_key(|event| event.pixel);
         }
-        Ok(Followed { rows: count, pixels: block.pixels, found })
+        Ok(Followed { rows: count, pixels: &block.pixels, found })
     }
 
-    /// As many of `rows` as fit, one at least, side by side.
-    fn gather(&mut self, rows: &[ViewRow]) -> (packed::Block, usize) {
+    /// Makes `block` of as many of `rows` as fit, one at least, side by side; how many these are.
+    fn gather(&mut self, rows: &[ViewRow], block: &mut packed::Block) -> usize {
         let room = self.device.room();
         let light_stays = rows.first().is_some_and(|own| own.stays);
-        let mut block =
-            packed::Block { kept_from: self.rows as u32, light_stays, ..packed::Block::default() };
+        block.begin(self.rows as u32, light_stays);
         let (mut count, mut view) = (0, None);
         for own in rows.iter().take_while(|own| own.stays == light_stays) {
             let new = self.missing(own) * size_of::<[f32; 4]>();
@@ -211,17 +215,17 @@ impl Loaded {
                 (self.rows, block.kept_from) = (0, 0);
             }
             if view.replace(own.view) != Some(own.view) {
-                let mut job = packed::Job { looks: self.keep(own.looks, &mut block), ..*own.job };
+                let mut job = packed::Job { looks: self.keep(own.looks, block), ..*own.job };
                 if let Some(packed::Sky { rows, levels }) = self.sky.clone() {
-                    (job.sky, job.sky_levels) = (self.keep(&rows, &mut block), levels);
+                    (job.sky, job.sky_levels) = (self.keep(&rows, block), levels);
                 }
                 block.jobs.push(job);
             }
-            let patches: Vec<u32> = own.row.patches.iter().map(|kept| self.keep(kept, &mut block)).collect();
+            let patches: Vec<u32> = own.row.patches.iter().map(|kept| self.keep(kept, block)).collect();
             block.add_row(own.row, &patches);
             count += 1;
         }
-        (block, count)
+        count
     }
 
     /// Rows that must go up before a row of tiles is followed.

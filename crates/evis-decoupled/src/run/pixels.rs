@@ -132,7 +132,7 @@ fn follow_on(
         let rows: Vec<ViewRow> = places.iter().map(of).collect();
         let Followed { rows, pixels, found } = device.follow(&rows)?;
         let packed::Found { events, light, mut light_at } = found;
-        let (mut pixels, mut light, mut first) = (&pixels[..], &light[..], 0);
+        let (mut pixels, mut light, mut first) = (pixels, &light[..], 0);
         for &(view, row, _) in places.split_off(..rows).unwrap_or_default() {
             let Entered { pixels: Pixels { rows, following, .. }, evaluator, .. } = &mut entered[view];
             let packed = rows[row].packed();

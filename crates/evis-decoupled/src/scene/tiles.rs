@@ -194,8 +194,18 @@ impl TileView {
     }
 
     /// A line of the picture without distortion as a line about the tile's centre.
+    #[inline(always)]
     pub fn line(&self, line: DVec3) -> DVec3 {
-        self.inverse.transpose() * line
+        let m = &self.inverse;
+        if self.bent.is_none() {
+            return DVec3::new(m.x_axis.x * line.x, m.y_axis.y * line.y, m.z_axis.dot(line));
+        }
+        m.transpose() * line
+    }
+
+    /// The way back.
+    pub fn image_line(&self, line: DVec3) -> DVec3 {
+        self.map.transpose() * line
     }
 
     /// Whether the tile may meet a box on the picture without distortion.

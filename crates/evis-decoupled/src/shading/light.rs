@@ -119,6 +119,15 @@ impl Key {
         let level = [level[0] as u8, level[1] as u8, u8::from(front)];
         Self { facet, level, index: index.map(|v| v as u16), border }
     }
+
+    /// Of the cell of half the level along either side that holds this one; `None` of a whole facet.
+    fn coarser(&self) -> Option<Self> {
+        let [along_s, along_t, front] = self.level;
+        let halves = [along_s, along_t].map(|level| u16::from(level > 0));
+        let level = [along_s.saturating_sub(1), along_t.saturating_sub(1), front];
+        let index = [0, 1].map(|k| self.index[k] >> halves[k]);
+        (halves != [0; 2]).then_some(Self { level, index, ..*self })
+    }
 }
 
 /// World corners and normals of a moving surface's vertices, at both ends of a block.

@@ -5,8 +5,11 @@
 //! h = d / q(d) that a receiver of inverse depth q shows at d = (x, y, 1), n . h - n . a >= 0 is
 //! n . d - (n . a) q(d) >= 0. So shadows are cut like facets, exactly and in continuous time.
 
+use std::sync::OnceLock;
+
 use glam::{DVec3, Vec4};
 
+use crate::packed::MOST_OWN;
 use crate::scene::contour::area;
 use crate::scene::tiles::{PixelFrame, TILE, TileView};
 use crate::visibility::coverage::{Corners, Cutter, Moments, PIXEL, Polygons, moments};
@@ -28,6 +31,89 @@ pub struct Occluder {
     points: [[[f64; 4]; 3]; 3],
     /// Its triangle in the tree, for tests.
     pub facet: u32,
+    /// Per lamp, made when they are first needed: walls on the screen over the block, and in the world.
+    walls: [OnceLock<Option<Box<Walls>>>; MOST_OWN],
+    spaces: [OnceLock<Option<Box<DarkSpace>>>; MOST_OWN],
+}
+
+/// Half spaces whose intersection a facet hides from a lamp, at the start, middle and end of a span: of image points h those with
+/// `normal . h >= through`.
+#[derive(Clone, Copy, Debug)]
+pub struct Walls {
+    planes: [[(DVec3, f64); 3]; 5],
+    /// The facet's corners, and where the lamp is.
+    corners: [[DVec3; 4]; 3],
+    lamp: [(DVec3, f64); 3],
+}
+
+/// What a facet is seen as from a lamp: beyond its own plane, which comes first, and inside its edges. `None` where the lamp lies
+/// in the plane.
+#[inline(always)]
+fn half_spaces(corners: &[DVec3; 4], (place, w): (DVec3, f64)) -> Option<[(DVec3, f64); 5]> {
+    let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]);
+    let height = normal.dot(place) - w * normal.dot(corners[0]);
+    if height == 0.0 {
+        return None;
+    }
+    let side = -height.signum();
+    let beyond = (normal * side, normal.dot(corners[0]) * side + CONTACT * height.abs());
+    let mut planes = [beyond; 5];
+    let mut sign = 0.0;
+    for k in 0..4 {
+        let (a, b) = (corners[k], corners[(k + 1) % 4]);
+        let normal = a.cross(b) * w + place.cross(a - b);
+        let through = normal.dot(a);
+        if sign == 0.0 {
+            sign = (normal.dot(corners[3]) - through).signum();
+        }
+        planes[k + 1] = (normal * sign, through * sign);
+    }
+    Some(planes)
+}
+
+/// Where a half space meets the plane of `receiver`, in the coordinates of that.
+#[inline(always)]
+fn on_plane(normal: DVec3, through: f64, receiver: &Line) -> Line {
+    Line {
+        a: normal.x - through * receiver.a,
+        b: normal.y - through * receiver.b,
+        c: normal.z - through * receiver.c,
+    }
+}
+
+impl Walls {
+    /// Whether all of the facet lies in or beyond the receiver's plane, seen from the lamp, at every time between the three: as
+    /// neighbours on a convex surface do. It throws no shadow there.
+    fn lie_beyond(&self, receiver: &Receiver) -> bool {
+        let mut heights = [[0.0; 4]; 3];
+        let mut sides = 0.0;
+        for (k, (heights, plane)) in heights.iter_mut().zip(&receiver.planes).enumerate() {
+            // A point (x, y, 1) / q has the height q(x, y) / q - 1 over the plane of inverse depth q(x, y).
+            let (place, w) = self.lamp[k];
+            let side = (plane.dot(place) - w).signum();
+            sides += side;
+            *heights = self.corners[k].map(|corner| side * (plane.dot(corner) - 1.0));
+        }
+        let [a, b, c] = heights;
+        f64::abs(sides) == 3.0
+            && (0..4).all(|k| a[k].max(b[k]).max(c[k]) + (a[k] - 2.0 * b[k] + c[k]).abs() < TOUCHING)
+    }
+}
+
+/// The plane of a facet on which shadows may fall, at the start, middle and end of a span.
+#[derive(Clone, Copy, Debug)]
+pub struct Receiver {
+    /// Its inverse depth as a tile sees it, and on the picture without distortion.
+    lines: [Line; 3],
+    planes: [DVec3; 3],
+}
+
+impl Receiver {
+    /// From inverse depths that the tile `view` sees.
+    pub fn new(lines: [Line; 3], view: &TileView) -> Self {
+        let planes = lines.map(|line| view.image_line(DVec3::new(line.a, line.b, line.c)));
+        Self { lines, planes }
+    }
 }
 
 impl Occluder {
@@ -37,7 +123,7 @@ impl Occluder {
         let points = std::array::from_fn(|power| {
             std::array::from_fn(|axis| std::array::from_fn(|corner| p[corner][power][axis]))
         });
-        Self { points, facet }
+        Self { points, facet, walls: Default::default(), spaces: Default::default() }
     }
 
     /// Its image points about `centre`, as a device has them.
@@ -47,81 +133,52 @@ impl Occluder {
 
     /// Half planes about a tile's centre whose intersection is its shadow on the plane of `receiver`.
     pub fn lines(&self, lamp: &ScreenLamp, receiver: &Line, view: &TileView, u: f64) -> [Line; 5] {
+        let corners = self.corners(u).map(|h| view.point(h.x, h.y, h.z));
+        let (place, weight) = lamp.at(u);
+        let planes = half_spaces(&corners, (view.point(place.x, place.y, place.z), weight));
         // From a lamp in its own plane a facet throws none.
         let nowhere = [Line { a: 0.0, b: 0.0, c: -1.0 }; 5];
-        self.half_planes(lamp, receiver, view, u).unwrap_or(nowhere)
+        planes.map_or(nowhere, |planes| planes.map(|(normal, through)| on_plane(normal, through, receiver)))
     }
 
-    /// Its homogeneous image points about a tile's centre.
+    /// Its homogeneous image points.
     #[inline(always)]
-    fn corners(&self, view: &TileView, u: f64) -> [DVec3; 4] {
+    fn corners(&self, u: f64) -> [DVec3; 4] {
         let [p, q, r] = &self.points;
         std::array::from_fn(|k| {
-            let at = |axis: usize| p[axis][k] + u * (q[axis][k] + u * r[axis][k]);
-            view.point(at(0), at(1), at(2))
+            DVec3::from_array([0, 1, 2].map(|axis| p[axis][k] + u * (q[axis][k] + u * r[axis][k])))
         })
     }
 
-    /// Whether all of it lies in or beyond the receiver's plane, seen from the lamp, at every time between the three: as
-    /// neighbours on a convex surface do. It throws no shadow there.
-    fn lies_beyond(&self, lamp: &ScreenLamp, receivers: &[Line; 3], span: [f64; 2], view: &TileView) -> bool {
-        let mut heights = [[0.0; 4]; 3];
-        let mut sides = 0.0;
-        for (k, (heights, plane)) in heights.iter_mut().zip(receivers).enumerate() {
-            let u = time_of(k, span);
-            // A point (x, y, 1) / q has the height q(x, y) / q - 1 over the plane of inverse depth q(x, y).
-            let height = |point: DVec3, w: f64| plane.a * point.x + plane.b * point.y + plane.c * point.z - w;
-            let (place, w) = lamp.at(view, u);
-            let side = height(place, w).signum();
-            sides += side;
-            *heights = self.corners(view, u).map(|corner| side * height(corner, 1.0));
+    /// Calls `of` with its walls for `lamp`, number `number` of those that are kept apart, over the part `span` of the block; with
+    /// nothing where the lamp lies in its plane at one of the three times.
+    pub fn with_walls<T>(
+        &self,
+        (number, lamp): (usize, &ScreenLamp),
+        span: [f64; 2],
+        of: impl FnOnce(Option<&Walls>) -> T,
+    ) -> T {
+        if span == [0.0, 1.0] {
+            of(self.walls[number].get_or_init(|| self.new_walls(lamp, span).map(Box::new)).as_deref())
+        } else {
+            of(self.new_walls(lamp, span).as_ref())
         }
-        let [a, b, c] = heights;
-        f64::abs(sides) == 3.0
-            && (0..4).all(|k| a[k].max(b[k]).max(c[k]) + (a[k] - 2.0 * b[k] + c[k]).abs() < TOUCHING)
     }
 
-    /// Of the shadow on the plane of `receiver`: beyond the facet's own plane, and inside its edges. `None` where the lamp
-    /// lies in the facet's plane.
-    #[inline(always)]
-    fn half_planes(&self, lamp: &ScreenLamp, receiver: &Line, view: &TileView, u: f64) -> Option<[Line; 5]> {
-        let corners = self.corners(view, u);
-        let (place, w) = lamp.at(view, u);
-        let on_plane = |normal: DVec3, through: f64| Line {
-            a: normal.x - through * receiver.a,
-            b: normal.y - through * receiver.b,
-            c: normal.z - through * receiver.c,
-        };
-        // Beyond the facet's own plane, seen from the lamp.
-        let normal = (corners[1] - corners[0]).cross(corners[3] - corners[0]);
-        let height = normal.dot(place) - w * normal.dot(corners[0]);
-        if height == 0.0 {
+    fn new_walls(&self, lamp: &ScreenLamp, [from, to]: [f64; 2]) -> Option<Walls> {
+        let times = [from, from + 0.5 * (to - from), to];
+        let (corners, lamp) = (times.map(|u| self.corners(u)), times.map(|u| lamp.at(u)));
+        let [Some(a), Some(b), Some(c)] = [0, 1, 2].map(|k| half_spaces(&corners[k], lamp[k])) else {
             return None;
-        }
-        let side = -height.signum();
-        let mut beyond = on_plane(normal * side, normal.dot(corners[0]) * side);
-        let contact = CONTACT * height.abs();
-        beyond.a -= contact * receiver.a;
-        beyond.b -= contact * receiver.b;
-        beyond.c -= contact * receiver.c;
-        let mut lines = [beyond; 5];
-        let mut sign = 0.0;
-        for k in 0..4 {
-            let (a, b) = (corners[k], corners[(k + 1) % 4]);
-            let normal = a.cross(b) * w + place.cross(a - b);
-            let through = normal.dot(a);
-            if sign == 0.0 {
-                sign = (normal.dot(corners[3]) - through).signum();
-            }
-            lines[k + 1] = on_plane(normal * sign, through * sign);
-        }
-        Some(lines)
+        };
+        Some(Walls { planes: std::array::from_fn(|i| [a[i], b[i], c[i]]), corners, lamp })
     }
-}
 
-/// Time `k` of three in `span`.
-fn time_of(k: usize, [from, to]: [f64; 2]) -> f64 {
-    from + 0.5 * k as f64 * (to - from)
+    /// Where it throws the shadow of lamp `number` in the world, made by `new` when it is first needed in a block; `None` where that
+    /// is not known.
+    pub fn dark_space(&self, number: usize, new: impl FnOnce() -> Option<DarkSpace>) -> Option<&DarkSpace> {
+        self.spaces[number].get_or_init(|| new().map(Box::new)).as_deref()
+    }
 }
 
 /// Part of the side of a pixel by which it is grown, beside how much a half plane bends, for what lies between the
@@ -129,35 +186,30 @@ fn time_of(k: usize, [from, to]: [f64; 2]) -> f64 {
 const MARGIN: f64 = 0.2;
 
 impl Occluder {
-    /// Where in a tile, whose side is the unit of `view`, a shadow may come during the part `span` of the block, among the pixels
-    /// of `seen`. `receivers` are the inverse depths that the tile sees at the start, middle and end of the span.
+    /// Where in a tile, whose side is the unit of `view`, a shadow with these `walls` may come on the plane of `receiver`, among the
+    /// pixels `seen`; the tile may see the receiver everywhere where that is not known. Of edges with bits in `inner` another facet's
+    /// shadow goes on beyond.
     pub fn pixels(
-        &self,
-        lamp: &ScreenLamp,
-        receivers: &[Option<Line>; 3],
-        span: [f64; 2],
+        walls: Option<&Walls>,
+        receiver: Option<&Receiver>,
         view: &TileView,
         (seen, inner): (u64, u8),
     ) -> Reach {
         let everywhere = Reach { touches: seen, border: seen, motion_px: TILE as f64, ..Reach::default() };
         let nowhere = Reach::default();
         let tile = TILE as f64;
-        let [Some(first), Some(middle), Some(last)] = *receivers else { return everywhere };
-        let receivers = [first, middle, last];
-        if self.lies_beyond(lamp, &receivers, span, view) {
+        let (Some(walls), Some(receiver)) = (walls, receiver) else { return everywhere };
+        if walls.lie_beyond(receiver) {
             return nowhere;
         }
-        let mut lines = [[Line::default(); 5]; 3];
-        for (k, receiver) in receivers.iter().enumerate() {
-            let Some(found) = self.half_planes(lamp, receiver, view, time_of(k, span)) else {
-                return everywhere;
-            };
-            lines[k] = found;
-        }
         // Most miss the tile as a whole, and most edges of the others do not cross it.
-        let over_time: [[Line; 3]; 5] = std::array::from_fn(|i| [lines[0][i], lines[1][i], lines[2][i]]);
+        let mut over_time = [[Line::default(); 3]; 5];
         let mut crossing = [false; 5];
-        for (at, crossing) in over_time.iter().zip(&mut crossing) {
+        for ((planes, at), crossing) in walls.planes.iter().zip(&mut over_time).zip(&mut crossing) {
+            *at = std::array::from_fn(|k| {
+                let (normal, through) = planes[k];
+                on_plane(view.line(normal), through, &receiver.lines[k])
+            });
             let reach =
                 at.iter().map(Line::reach).fold(0.0, f64::max) * (1.0 + (MARGIN + 2.0 * view.margin) / tile);
             let [a, b, c] = [at[0].c, at[1].c, at[2].c];
@@ -241,87 +293,60 @@ pub struct Reach {
     pub motion_px: f64,
 }
 
-/// Whether the shadow that `occluder` throws from a lamp at `place` (a direction to it where `weight` is 0) may reach
-/// into a convex cell, and whether it darkens all of it; corners in the world.
-pub fn on_cell(occluder: [DVec3; 4], cell: [DVec3; 4], place: DVec3, weight: f64) -> (bool, bool) {
-    let value = |plane: &(DVec3, f64), point: DVec3| plane.0.dot(point) - plane.1;
-    // What rounding may do, in units of a plane's own values.
-    let slack =
-        |plane: &(DVec3, f64), point: DVec3| 1e-9 * (plane.0.length() * point.length() + plane.1.abs());
-    let (planes, height) = volume(occluder, place, weight);
-    if height == 0.0 {
-        return (true, false);
-    }
-    let mut darkens = true;
-    for plane in &planes {
-        let (mut some, mut all) = (false, true);
-        for corner in cell {
-            let v = value(plane, corner);
-            let slack = slack(plane, corner);
-            some |= v >= -slack;
-            all &= v > slack + CONTACT * height.abs();
-        }
-        if !some {
-            return (false, false);
-        }
-        // A triangle's repeated corner makes a plane of nothing.
-        darkens &= all || plane.0 == DVec3::ZERO;
-    }
-    let (planes, height) = volume(cell, place, weight);
-    if height != 0.0 {
-        for (k, plane) in planes.iter().enumerate() {
-            // What lies beyond the cell darkens nothing of it; beside it, neither.
-            let side = if k == 0 { -1.0 } else { 1.0 };
-            if occluder.iter().all(|c| side * value(plane, *c) < -slack(plane, *c)) {
-                return (false, false);
-            }
-        }
-    }
-    (true, darkens)
+/// Where a facet throws a lamp's shadow in the world, at the start, middle and end of a block.
+#[derive(Clone, Copy, Debug)]
+pub struct DarkSpace {
+    /// Unit normals inwards, and where along these the wall is; of a triangle's repeated corner a wall of nothing, which has none.
+    walls: [[(DVec3, f64); 3]; 5],
 }
 
-/// Whether the shadow of a polygon from a lamp misses another one throughout a block; corners in the world at its start, middle
-/// and end, and the lamp's places (directions to it where `weight` is 0). What only touches is missed. Plane by plane of
-/// `volume`, since most shadows miss by one of the first.
-pub fn misses(
-    occluder: &[[DVec3; 4]; 3],
-    receiver: &[[DVec3; 4]; 3],
-    places: &[DVec3; 3],
-    weight: f64,
-) -> bool {
-    let own: [DVec3; 3] = [0, 1, 2].map(|k| {
-        let [a, b, _, d] = occluder[k];
-        (b - a).cross(d - a)
-    });
-    let heights = [0, 1, 2].map(|k| own[k].dot(places[k] - occluder[k][0] * weight));
-    let side = -heights[0].signum();
-    // Seen from a lamp in its plane, nothing is known.
-    if heights.iter().any(|h| h * side >= 0.0) {
-        return false;
-    }
-    // Before a plane with these normals, through one of the occluder's corners, at all times.
-    let before = |normals: [DVec3; 3], corner: usize| {
-        let heights: [[f64; 4]; 3] = std::array::from_fn(|k| {
-            let normal = normals[k].normalize_or_zero();
-            receiver[k].map(|place| normal.dot(place - occluder[k][corner]))
+impl DarkSpace {
+    /// From the facet's corners at the three times, and where the lamp is (the direction to it where `weight` is 0); `None` where the
+    /// lamp comes into the facet's plane, or changes its side.
+    pub fn new(occluder: &[[DVec3; 4]; 3], lamp: &[DVec3; 3], weight: f64) -> Option<Self> {
+        let own: [DVec3; 3] = [0, 1, 2].map(|k| {
+            let [a, b, _, d] = occluder[k];
+            (b - a).cross(d - a)
         });
-        let [a, b, c] = heights;
-        // A triangle's repeated corner makes a plane of nothing.
-        normals[0] != DVec3::ZERO
-            && (0..4).all(|k| {
-                let touching = TOUCHING * (1.0 + receiver[0][k].abs().max_element());
-                a[k].max(b[k]).max(c[k]) + (a[k] - 2.0 * b[k] + c[k]).abs() < touching
-            })
-    };
-    before(own.map(|normal| normal * side), 0)
-        || (0..4).any(|corner| {
+        let heights = [0, 1, 2].map(|k| own[k].dot(lamp[k] - occluder[k][0] * weight));
+        let side = -heights[0].signum();
+        if heights.iter().any(|h| h * side >= 0.0) {
+            return None;
+        }
+        let through = |normals: [DVec3; 3], corner: usize| {
+            let of = |k: usize| {
+                let normal = normals[k].normalize_or_zero();
+                (normal, normal.dot(occluder[k][corner]))
+            };
+            [0, 1, 2].map(of)
+        };
+        let mut walls = [through(own.map(|normal| normal * side), 0); 5];
+        for corner in 0..4 {
             let normals = [0, 1, 2].map(|k| {
                 let (a, b) = (occluder[k][corner], occluder[k][(corner + 1) % 4]);
                 // Inwards, since the occluder's own normal points beyond it.
-                (places[k] - a * weight).cross(a - b) * side
+                (lamp[k] - a * weight).cross(a - b) * side
             });
-            before(normals, corner)
+            walls[corner + 1] = through(normals, corner);
+        }
+        Some(Self { walls })
+    }
+
+    /// Whether it misses a polygon throughout the block; corners in the world at the same times. What only touches is missed. Most
+    /// miss by one of the first walls.
+    pub fn misses(&self, receiver: &[[DVec3; 4]; 3]) -> bool {
+        self.walls.iter().filter(|wall| wall[0].0 != DVec3::ZERO).any(|wall| {
+            let heights: [[f64; 4]; 3] = std::array::from_fn(|k| {
+                let (normal, through) = wall[k];
+                receiver[k].map(|place| normal.dot(place) - through)
+            });
+            let [a, b, c] = heights;
+            (0..4).all(|k| {
+                let touching = TOUCHING * (1.0 + receiver[0][k].abs().max_element());
+                a[k].max(b[k]).max(c[k]) + (a[k] - 2.0 * b[k] + c[k]).abs() < touching
+            })
         })
+    }
 }
 
 /// Half planes of a shadow that cross a pixel.
@@ -393,11 +418,10 @@ impl ScreenLamp {
     }
 
     #[inline(always)]
-    fn at(&self, view: &TileView, u: f64) -> (DVec3, f64) {
+    fn at(&self, u: f64) -> (DVec3, f64) {
         let [p, q, r] = &self.powers;
-        let h = *p + (*q + *r * u) * u;
         let [a, b, c] = self.weights;
-        (view.point(h.x, h.y, h.z), a + (b + c * u) * u)
+        (*p + (*q + *r * u) * u, a + (b + c * u) * u)
     }
 }
 
@@ -548,7 +572,12 @@ impl Beam {
 pub struct Hull {
     /// Unit normals inwards, and offsets; a wall of nothing where an edge has no length.
     walls: [(DVec3, f64); 5],
+    /// What lies behind the first wall by less than this touches it.
+    contact: f64,
 }
+
+/// What rounding may do to a wall, as a part of one and its offset.
+const WALL_SLACK: f64 = 1e-7;
 
 impl Hull {
     /// Between a lamp at `place` (a direction to it where `weight` is 0) and the cell with these corners: what lies outside
@@ -568,24 +597,34 @@ impl Hull {
     fn of(planes: [(DVec3, f64); 5], height: f64) -> Self {
         // Seen from a lamp in its own plane, nothing is known.
         if height == 0.0 {
-            return Self { walls: [(DVec3::ZERO, 0.0); 5] };
+            return Self { walls: [(DVec3::ZERO, 0.0); 5], contact: 0.0 };
         }
+        let contact = CONTACT * height.abs() / planes[0].0.length();
         let walls = planes.map(|(normal, through)| {
             let length = normal.length();
             let through = through / length;
             // Rounding moves a wall outwards.
             if length > 0.0 {
-                (normal / length, through - 1e-7 * (1.0 + through.abs()))
+                (normal / length, through - WALL_SLACK * (1.0 + through.abs()))
             } else {
                 (normal, 0.0)
             }
         });
-        Self { walls }
+        Self { walls, contact }
     }
 
     /// Whether a polygon may reach into it.
-    pub fn meets(&self, corners: [DVec3; 4]) -> bool {
+    pub fn meets(&self, corners: &[DVec3; 4]) -> bool {
         self.walls.iter().all(|(n, t)| corners.iter().any(|c| n.dot(*c) >= *t))
+    }
+
+    /// Whether a convex polygon surely lies in it.
+    pub fn holds(&self, corners: &[DVec3; 4]) -> bool {
+        let within = |(n, t): &(DVec3, f64)| {
+            let least = t + self.contact + 3.0 * WALL_SLACK * (1.0 + t.abs());
+            *n == DVec3::ZERO || corners.iter().all(|c| n.dot(*c) > least)
+        };
+        self.walls[0].0 != DVec3::ZERO && self.walls.iter().all(within)
     }
 
     /// Whether a sphere may.
@@ -611,6 +650,9 @@ fn volume(p: [DVec3; 4], place: DVec3, weight: f64) -> ([(DVec3, f64); 5], f64) 
     }
     (planes, height)
 }
+
+/// Nodes from a tree's root to a leaf at most, and one.
+const MOST_DEPTH: usize = 33;
 
 /// A tree over spheres.
 #[derive(Default)]
@@ -683,8 +725,11 @@ impl Tree {
 
     /// Calls `visit` with each item that `meets`, which holds for every sphere around one for which it holds.
     pub fn within(&self, meets: impl Fn(DVec3, f64) -> bool, mut visit: impl FnMut(u32)) {
-        let mut stack = vec![0_u32];
-        while let Some(index) = stack.pop() {
+        // Halves of halves: as many as a number has bits.
+        let (mut stack, mut count) = ([0_u32; MOST_DEPTH], 1);
+        while count > 0 {
+            count -= 1;
+            let index = stack[count];
             let Some(node) = self.nodes.get(index as usize) else { return };
             if !meets(node.centre, node.radius) {
                 continue;
@@ -697,8 +742,9 @@ impl Tree {
                     }
                 }
             } else {
-                stack.push(node.start);
-                stack.push(index + 1);
+                stack[count] = node.start;
+                stack[count + 1] = index + 1;
+                count += 2;
             }
         }
     }

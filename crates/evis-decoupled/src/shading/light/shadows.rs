@@ -12,7 +12,7 @@ use crate::Error;
 use crate::scene::facets::{ALONE, wide};
 use crate::scene::tiles::{TILE, TileView};
 use crate::shading::material::{self, Lamp};
-use crate::shading::shadow::{Beam, Hull, Occluder, Reached, ScreenLamp, Tree, misses};
+use crate::shading::shadow::{Beam, DarkSpace, Hull, Occluder, Reached, Receiver, ScreenLamp, Tree};
 use crate::visibility::blocks::Clock;
 use crate::visibility::coverage::Moments;
 use crate::visibility::fragment::Sight;
@@ -163,13 +163,11 @@ impl Lighting<'_> {
     }
 
     fn find_shadowed(&self, key: &Key, number: usize) -> Shadowed {
-        let f = &self.world.facets[key.facet as usize];
-        let surface = f.surface as usize;
         let corners = |facet: u32| {
             let f = &self.world.facets[facet as usize];
             f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0)
         };
-        let [p, q, _, r] = f.corners.map(|c| self.corners[surface][0][c as usize].0);
+        let [p, q, _, r] = corners(key.facet);
         let at = |i: u32, j: u32| {
             let side = [0, 1].map(|k| 1.0 / f64::from(1_u32 << key.level[k]));
             let (s, t) = (
@@ -180,25 +178,36 @@ impl Lighting<'_> {
         };
         let cell = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
         let (place, weight) = self.lamps[0][self.own[number]].place();
-        let middle = cell.iter().sum::<DVec3>() / 4.0;
-        let radius = cell.iter().map(|c| c.distance(middle)).fold(0.0, f64::max) * 1.001 + 1e-6;
+        let before = Hull::before(cell, place, weight);
         let mut facets = Vec::new();
-        let mut dark = false;
+        let (mut dark, mut whole_is_dark) = (false, false);
         let mut add = |id: u32| {
-            if id == key.facet || self.far[id as usize] >> number & 1 == 1 {
-                return;
-            }
-            let (touches, darkens) = crate::shading::shadow::on_cell(corners(id), cell, place, weight);
-            dark |= darkens;
-            if touches {
+            let space = self.dark_space(id, number);
+            if before.meets(&corners(id)) && space.meets(&cell) {
+                dark |= space.holds(&cell);
                 facets.push(id);
             }
         };
-        match Beam::new(place, weight, middle, radius) {
-            Some(beam) => self.still.within(|c, r| beam.meets(c, r), &mut add),
-            None => self.still.all(&mut add),
+        if let Some(whole) = key.coarser() {
+            // Nothing else throws a shadow into a part of it.
+            let whole = self.shadowed(whole, number);
+            whole_is_dark = whole.dark;
+            whole.facets.iter().copied().for_each(add);
+        } else {
+            let mut add = |id: u32| {
+                if id != key.facet && self.far[id as usize] >> number & 1 == 0 {
+                    add(id);
+                }
+            };
+            let middle = cell.iter().sum::<DVec3>() / 4.0;
+            let radius = cell.iter().map(|c| c.distance(middle)).fold(0.0, f64::max) * 1.001 + 1e-6;
+            match Beam::new(place, weight, middle, radius) {
+                Some(beam) => self.still.within(|c, r| beam.meets(c, r), &mut add),
+                None => self.still.all(&mut add),
+            }
+            facets.sort_unstable();
         }
-        facets.sort_unstable();
+        dark |= whole_is_dark;
         if dark {
             facets.clear();
         }
@@ -218,7 +227,7 @@ impl Lighting<'_> {
         let facet = record.facet;
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
-        let (mut receivers, mut tile_units, mut part) = (None, None, None);
+        let (mut receiver, mut tile_units, mut part) = (None, None, None);
         for (number, &lamp) in self.own.iter().enumerate() {
             let [a, b] = [0, 1].map(|end| &self.lamps[end][lamp]);
             if slot.lit >> number & 1 == 0 || !a.casts_shadow || slot.shades[number].dark == u64::MAX {
@@ -271,8 +280,8 @@ impl Lighting<'_> {
                     (Some(hull), _) => tile.found.retain(|id| {
                         let f = &self.world.facets[*id as usize];
                         let corners = &self.corners[f.surface as usize][0];
-                        hull.meets(f.corners.map(|c| corners[c as usize].0))
-                            && self.dark_space(*id, number).meets(cell)
+                        hull.meets(&f.corners.map(|c| corners[c as usize].0))
+                            && self.dark_space(*id, number).meets(&cell)
                     }),
                     (None, _) if resting => {}
                     (None, Some(beam)) => {
@@ -294,21 +303,25 @@ impl Lighting<'_> {
                 if id == facet || self.far[id as usize] >> number & 1 == 1 {
                     continue;
                 }
+                let occluder = self.occluder(id);
                 if !resting {
                     let part = part.get_or_insert_with(|| self.part_of(facet, slot.range));
-                    if misses(&self.places_of(id), part, &self.lamp_places[number], weight) {
+                    let new = || DarkSpace::new(&self.places_of(id), &self.lamp_places[number], weight);
+                    if occluder.dark_space(number, new).is_some_and(|space| space.misses(part)) {
                         continue;
                     }
                 }
-                let receivers = receivers.get_or_insert_with(|| {
+                let view = tile_units.get_or_insert_with(|| tile.view.in_units_of(TILE as f64));
+                let receiver = receiver.get_or_insert_with(|| {
                     // Where the tile does not see it, nothing is known.
                     let of = |s: Sight| s.at(index, &WHOLE, false).map(|f| f.inverse_depth);
-                    self.receivers(record, &tile.view).map(|s| s.and_then(of))
+                    let [a, b, c] = self.receivers(record, &tile.view).map(|s| s.and_then(of));
+                    Some(Receiver::new([a?, b?, c?], view))
                 });
-                let lamp = &self.screen_lamps[number];
-                let view = tile_units.get_or_insert_with(|| tile.view.in_units_of(TILE as f64));
                 let inner = self.inner_edges(id, number);
-                let found = self.occluder(id).pixels(lamp, receivers, record.u, view, (slot.touches, inner));
+                let found = occluder.with_walls((number, &self.screen_lamps[number]), record.u, |walls| {
+                    Occluder::pixels(walls, receiver.as_ref(), view, (slot.touches, inner))
+                });
                 if found.touches == 0 {
                     continue;
                 }

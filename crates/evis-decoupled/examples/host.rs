@@ -1,0 +1,95 @@
+//! What the processor does for a device that follows pixels: with one that leaves them as they are.
+//!
+//! `cargo run --release -p evis-decoupled --example host -- SCENE WIDTHxHEIGHT SECONDS`
+//!
+//! CPU time of the process while it simulates, from /proc/self/stat.
+
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+
+use evis_decoupled::packed::{Block, Found, Textures};
+use evis_decoupled::{Device, Devices, Error, Settings, ViewSensor, simulate};
+
+/// Bytes that an array of a block may take, as those of real devices.
+const ROOM: usize = 64 << 20;
+
+/// Devices that count what they are given.
+#[derive(Debug, Default)]
+struct Idle(Arc<Given>);
+
+#[derive(Debug, Default)]
+struct Given {
+    pixels: AtomicU64,
+    /// Of entries, words, points, pixels and light, and what is kept.
+    bytes: [AtomicU64; 5],
+}
+
+struct IdleDevice(Arc<Given>);
+
+impl Devices for Idle {
+    fn texture_room(&self) -> usize {
+        ROOM
+    }
+
+    fn open(&self, _: &Textures, _: &[ViewSensor]) -> Result<Box<dyn Device>, Error> {
+        Ok(Box::new(IdleDevice(Arc::clone(&self.0))))
+    }
+}
+
+impl Device for IdleDevice {
+    fn room(&self) -> usize {
+        ROOM
+    }
+
+    fn follow(&mut self, block: &mut Block) -> Result<Found, Error> {
+        self.0.pixels.fetch_add(block.pixels.len() as u64, Ordering::Relaxed);
+        for (sum, bytes) in
+            self.0.bytes.iter().zip(block.bytes().into_iter().chain([size_of_val(&block.kept[..])]))
+        {
+            sum.fetch_add(bytes as u64, Ordering::Relaxed);
+        }
+        Ok(Found { light: vec![0.0; block.light], ..Found::default() })
+    }
+}
+
+fn cpu_seconds() -> f64 {
+    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
+    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or("").split_whitespace().collect();
+    // Fields 14 and 15, counted from the one after the name as 3: user and system time in ticks of 10 ms.
+    let ticks: f64 = fields.iter().skip(11).take(2).filter_map(|f| f.parse::<f64>().ok()).sum();
+    ticks * 0.01
+}
+
+fn main() -> Result<(), Box<dyn std::error::Error>> {
+    let mut args = std::env::args().skip(1);
+    let usage = "usage: host SCENE WIDTHxHEIGHT SECONDS";
+    let name = args.next().ok_or(usage)?;
+    let size = args.next().ok_or(usage)?;
+    let (w, h) = size.split_once('x').ok_or(usage)?;
+    let size = Some((w.parse()?, h.parse()?));
+    let seconds = args.next().ok_or(usage)?.parse::<f64>()?;
+    let scene = evis_scene::source::load(&name, 0)?;
+    let devices = Idle::default();
+    let given = Arc::clone(&devices.0);
+    let duration_us = (seconds * 1e6).round() as i64;
+    // Nothing fires, so that pixels keep their first reference: they are quiet where light returns to it.
+    let settings = Settings { size, duration_us, reference_luminance: Some(1.0), ..Settings::default() };
+    let before = cpu_seconds();
+    let r = simulate(&scene, &Settings { devices: Some(Arc::new(devices)), ..settings })?.report;
+    let cpu = cpu_seconds() - before;
+    let wall = r.lists_s + r.light_s + r.pixels_s;
+    let share = |s: f64| cpu / seconds * s / wall;
+    let per_block = 0.032_768 / seconds;
+    let megabytes = given.bytes.each_ref().map(|sum| sum.load(Ordering::Relaxed) as f64 * per_block * 1e-6);
+    println!(
+        "{name} {w}x{h}: {:.2} core-seconds per simulated second (lists {:.2}, light {:.2}, tiles {:.2}); {:.0} pixels per block, MB of \
+         entries, words, points, pixels and what is kept: {megabytes:.1?}, {:.0} nodes shaded",
+        cpu / seconds,
+        share(r.lists_s),
+        share(r.light_s),
+        share(r.pixels_s),
+        given.pixels.load(Ordering::Relaxed) as f64 * per_block,
+        r.cells as f64 * per_block,
+    );
+    Ok(())
+}
