@@ -115,6 +115,7 @@ fn visible_part(k: u32, count: u32) -> u32 {
     let edges = fragments[k].edge_count;
     for (var step = 0u; step < edges + count && list_count[list] > 0u; step++) {
         var lines = 1u;
+        spend(1u + MOST_EDGES);
         if (step < edges) {
             cutters[0] = -fragments[k].edges[step];
         } else {

@@ -205,6 +205,17 @@ var<private> to_pixel: mat3x3<f32>;
 var<private> from_pixel: mat3x3<f32>;
 var<private> number: u32;
 var<private> failed: bool;
+// Iterations of loops so far, of an evaluation. Software drivers end every loop of 8 pixels early, and report nothing, once all their
+// loops together had 65535 iterations. A pixel that needs more than its own share is the processor's: which pixels are does not depend
+// on those beside them.
+var<private> spent: u32;
+const MOST_SPENT: u32 = 8000u;
+
+// Counts iterations that follow.
+fn spend(count: u32) {
+    spent += count;
+    failed = failed || spent > MOST_SPENT;
+}
 
 // Goes to the row of tiles whose bases are at word `at`, and to its job.
 fn enter_row(at: u32) {
@@ -267,8 +278,7 @@ fn dark_floor() -> f32 {
     return job.log_eps * job.reference_luminance;
 }
 
-// Whether a loop of `count` iterations, two or more, has them. Software drivers end every loop of 8 pixels early, and report
-// nothing, once all their loops together had 65535 iterations.
+// Whether a loop of `count` iterations, two or more, has them: no loop before it was ended early.
 fn loops_run(count: u32) -> bool {
     var turns = 0u;
     for (var k = 0u; k < count; k++) {

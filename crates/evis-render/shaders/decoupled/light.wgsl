@@ -152,6 +152,8 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     let unlit = (entries[entry].flags & UNLIT) != 0u;
     let has_maps = CLASS == MAPPED && (entries[entry].flags & HAS_MAPS) != 0u;
     let lit = select(entries[entry].lit, 0u, unlit);
+    // Lamps, what is averaged, and responses of that.
+    spend(2u * job.lamps + 2u * MOST_TASKS);
     // Software drivers execute both sides of every branch, so the lamps whose shadows come into the pixel are found first.
     var responses = select(1u, 0u, unlit);
     var shadowed = 0u;
@@ -207,7 +209,8 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
 // Mean luminance of a pixel that may see several facets.
 fn light_of_all(own: u32, own_count: u32, u: f32) -> f32 {
     var count = 0u;
-    for (var k = 0u; k < own_count; k++) {
+    spend(own_count);
+    for (var k = 0u; k < own_count && !failed; k++) {
         if (count == MOST_FRAGMENTS) {
             failed = true;
             break;

@@ -244,6 +244,7 @@ fn shade_places(row: u32, look: u32, side: f32, middle: vec2<f32>, p: vec2<f32>,
     let signs = vec3<f32>(points[row + 6u].w, points[row + 7u].w, points[row + 8u].w);
     let eye = over_time(lights, 1u, u);
     let parallel = points[lights].w > 0.0;
+    spend(2u * MAP_LIGHTS + count * (1u + numbers.y));
     for (var k = 0u; k < MAP_LIGHTS; k++) {
         map_light[k] = 0.0;
     }

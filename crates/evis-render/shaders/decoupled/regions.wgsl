@@ -121,6 +121,7 @@ fn copy_polygon(corners: vec2<u32>, to: u32) {
 // Appends a list to those that are kept.
 fn keep_list(list: u32) -> Range {
     let first = list_count[KEPT];
+    spend(list_count[list] + list_used[list]);
     for (var polygon = 0u; polygon < list_count[list] && !failed; polygon++) {
         copy_polygon(corners_of(list, polygon), KEPT);
     }
@@ -167,6 +168,9 @@ fn subtract_from(range: Range, to: u32, lines: u32) {
     clear_list(to);
     for (var polygon = range.first; polygon < range.end && !failed; polygon++) {
         let corners = corners_of(range.list, polygon);
+        let count = corners.y - corners.x;
+        // Each line meets all corners, and cuts a polygon that it gave one more; corners are copied.
+        spend(1u + count + lines * (2u * count + lines + 2u));
         var crossing = 0u;
         var beside = false;
         for (var k = 0u; k < lines && !beside; k++) {
@@ -209,6 +213,7 @@ fn subtract_from(range: Range, to: u32, lines: u32) {
 
 fn moments_of(list: u32) -> Moments {
     var m = Moments(0.0, vec2<f32>(0.0), vec3<f32>(0.0));
+    spend(list_count[list] + list_used[list]);
     for (var polygon = 0u; polygon < list_count[list]; polygon++) {
         let corners = corners_of(list, polygon);
         var a = list_corners[corners.y - 1u];

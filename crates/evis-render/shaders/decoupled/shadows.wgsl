@@ -74,9 +74,12 @@ fn reached_by(k: u32, lamp: u32, visible: Range, m: Moments, u: f32) -> Moments 
     var left = visible;
     let end = words[base.words + shade + 5u];
     for (var caster = words[base.words + shade + 4u]; caster < end && !failed; caster += CASTER_WORDS) {
+        spend(1u);
         if (!has_pixel(caster)) {
             continue;
         }
+        // Its edges.
+        spend(4u);
         let count = shadow_of(words[base.words + caster + 2u], lamp, fragments[k].inverse_depth, u);
         if (count < 0) {
             continue;

@@ -86,6 +86,7 @@ fn background_of(m: Moments, u: f32) -> f32 {
     let z = points[row + 2u].xyz + u * (points[row + 5u].xyz + u * points[row + 8u].xyz);
     let places = u32(count);
     var sum = 0.0;
+    spend(places * (places + 1u));
     for (var j = 0u; j < places; j++) {
         for (var i = 0u; i < places; i++) {
             let s = (vec2<f32>(f32(i), f32(j)) + 0.5) / count - 0.5;

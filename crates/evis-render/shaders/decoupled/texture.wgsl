@@ -137,6 +137,7 @@ fn edge_sum(start: vec2<f32>, by: vec2<f32>, scale: f32) -> vec3<f32> {
             places = 2u * parts;
             part = height / f32(parts);
         }
+        spend(1u + places);
         for (var k = 0u; k < places; k++) {
             let middle = part * (f32(k / 2u) + 0.5);
             let off = select(select(-GAUSS, GAUSS, k % 2u == 1u), 0.0, places == 1u) * part;
@@ -189,6 +190,7 @@ fn mean_of_places(head: TextureHead, level: u32, middle: vec2<f32>, p: vec2<f32>
     // No number at all counts as any.
     let rows = min(u32(down.x), u32(MOST_PLACES));
     let columns = min(u32(along.x), u32(MOST_PLACES));
+    spend(rows * (columns + 1u));
     for (var j = 0u; j < rows; j++) {
         for (var i = 0u; i < columns; i++) {
             sum += texels_at(head, size, start + f32(i) * along.yz + f32(j) * down.yz);
