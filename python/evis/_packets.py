@@ -386,6 +386,13 @@ class Report:
     rendered_tiles : int
         Tiles of 16x16 pixels, all views, whose events are rendered though the method is ``decoupled``: their
         triangles are smaller than pixels.
+    on_device : int
+        With ``compute="gpu"``: how many of `drawn_pixels` compute passes have evaluated.
+    refollowed : int
+        Pixels, counted in each block of time, that these could not follow and left to the processor.
+    resting : int
+        With the method ``decoupled``: pixels, counted in each block of time, of tiles of 8x8 in which nothing
+        changed, which cost nothing.
     keyframes : int
         Keyframes drawn, all views; 0 for a method without them.
     clipped : int
@@ -416,6 +423,9 @@ class Report:
     instants: int
     drawn_pixels: int
     rendered_tiles: int
+    on_device: int
+    refollowed: int
+    resting: int
     keyframes: int
     clipped: int
     clipped_light: list[str]

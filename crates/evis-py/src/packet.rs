@@ -125,6 +125,9 @@ fn report(py: Python<'_>, report: &PacketReport) -> PyResult<Py<PyDict>> {
     dict.set_item("instants", report.instants)?;
     dict.set_item("drawn_pixels", report.drawn_pixels)?;
     dict.set_item("rendered_tiles", report.rendered_tiles)?;
+    dict.set_item("on_device", report.on_device)?;
+    dict.set_item("refollowed", report.refollowed)?;
+    dict.set_item("resting", report.resting)?;
     dict.set_item("keyframes", report.keyframes)?;
     dict.set_item("clipped", report.clipped)?;
     let clipped: Vec<String> =

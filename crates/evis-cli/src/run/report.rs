@@ -53,6 +53,11 @@ pub(super) struct Report {
     pub(super) drawn_pixels: u64,
     /// Tiles of 16x16 pixels that decoupled sampling leaves to rendering.
     pub(super) rendered_tiles: u64,
+    /// Of the pixels drawn, those that compute passes of decoupled sampling have evaluated; and pixels that they left to the
+    /// processor, and pixels of tiles in which nothing changed, counted in each block of time.
+    pub(super) on_device: u64,
+    pub(super) refollowed: u64,
+    pub(super) resting: u64,
     pub(super) keyframes: u64,
     /// Pixels of keyframes that were brighter than the method counts.
     pub(super) clipped: u64,
@@ -109,6 +114,9 @@ impl Report {
             instants: tally.report.instants,
             drawn_pixels: tally.report.drawn_pixels,
             rendered_tiles: tally.report.rendered_tiles,
+            on_device: tally.report.on_device,
+            refollowed: tally.report.refollowed,
+            resting: tally.report.resting,
             keyframes: tally.report.keyframes,
             clipped: tally.report.clipped,
             unknown: tally.report.unknown,
@@ -160,8 +168,16 @@ impl Report {
                         0 => String::new(),
                         tiles => format!("; {} tiles rendered", text::grouped(tiles)),
                     };
+                    let device = match self.on_device {
+                        0 => String::new(),
+                        count => format!(
+                            "; {:.1} % of them on the device, {} pixels of a block left to the processor",
+                            100.0 * count as f64 / self.drawn_pixels.max(1) as f64,
+                            text::grouped(self.refollowed)
+                        ),
+                    };
                     format!(
-                        "{}, {drawn:.0} evaluations of a pixel, each at its own times{rendered}",
+                        "{}, {drawn:.0} evaluations of a pixel, each at its own times{device}{rendered}",
                         self.method
                     )
                 } else {

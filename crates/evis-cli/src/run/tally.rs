@@ -84,6 +84,9 @@ impl Tally {
         sum.changed += new.changed;
         sum.findings.extend_from_slice(&new.findings);
         sum.drawn_pixels += new.drawn_pixels;
+        sum.on_device += new.on_device;
+        sum.refollowed += new.refollowed;
+        sum.resting += new.resting;
         // The same in every packet.
         sum.rendered_tiles = new.rendered_tiles;
         sum.keyframes += new.keyframes;

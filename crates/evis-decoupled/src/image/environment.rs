@@ -1,7 +1,7 @@
 //! Light from all around, laid out for many look-ups: faces of cubes in 32 bits, with a border of their neighbours' texels.
 
 use evis_scene::environment::{CubeMap, Environment, FACES, cube_coordinates, cube_direction};
-use glam::{DVec3, Vec4};
+use glam::Vec4;
 
 use crate::fours::{Four, parts, whole};
 use crate::packed::as_floats;
@@ -25,33 +25,14 @@ impl Surroundings {
         }
     }
 
-    /// Irradiance / pi on a surface with world normal `normal`.
-    pub fn diffuse(&self, normal: DVec3) -> DVec3 {
-        self.irradiance.levels.first().map_or(DVec3::ZERO, |level| wide(level.at(self.turned(normal))))
-    }
-
-    /// Radiance around world direction `direction` as a surface of perceptual roughness `roughness` reflects it.
-    pub fn reflection(&self, direction: DVec3, roughness: f64) -> DVec3 {
-        let levels = &self.specular.levels;
-        let Some(last) = levels.len().checked_sub(1) else { return DVec3::ZERO };
-        let at = roughness.clamp(0.0, 1.0) * last as f64;
-        let (lower, blend) = (at as usize, at - at.floor());
-        let direction = self.turned(direction);
-        let value = levels[lower].at(direction);
-        if blend == 0.0 {
-            return wide(value);
-        }
-        wide(value.lerp(levels[lower + 1].at(direction), blend as f32))
-    }
-
-    /// [`Surroundings::diffuse`] at four places.
+    /// Irradiance / pi on surfaces with these world normals.
     #[inline(always)]
     pub fn diffuse_of_four(&self, normal: Four) -> Four {
         let Some(level) = self.irradiance.levels.first() else { return Four::default() };
         CubePlaces::new(self.four_turned(normal)).on([level; 4])
     }
 
-    /// [`Surroundings::reflection`] at four places.
+    /// Radiance around world directions as surfaces of perceptual roughness `roughness` reflect it.
     #[inline(always)]
     pub fn reflection_of_four(&self, direction: Four, roughness: Vec4) -> Four {
         let levels = &self.specular.levels;
@@ -69,15 +50,6 @@ impl Surroundings {
         let [sin, cos] = self.turn.map(|v| v as f32);
         Four { x: v.x * cos + v.z * sin, y: v.y, z: v.z * cos - v.x * sin }
     }
-
-    fn turned(&self, v: DVec3) -> DVec3 {
-        let [sin, cos] = self.turn;
-        DVec3::new(cos * v.x + sin * v.z, v.y, cos * v.z - sin * v.x)
-    }
-}
-
-fn wide(v: Vec4) -> DVec3 {
-    v.truncate().as_dvec3()
 }
 
 impl Surroundings {
@@ -162,17 +134,6 @@ impl Level {
         Self { size, half: 0.5 * size as f32, texels }
     }
 
-    #[inline(always)]
-    fn at(&self, direction: DVec3) -> Vec4 {
-        let (face, s, t) = cube_coordinates(direction);
-        let half = 0.5 * self.size as f64;
-        // From the middle of the border's first texel.
-        let (u, v) = ((s + 1.0) * half + 0.5, (t + 1.0) * half + 0.5);
-        let (x, y) = ((u as usize).min(self.size), (v as usize).min(self.size));
-        let (fx, fy) = ((u - x as f64) as f32, (v - y as f64) as f32);
-        self.between([face, y, x], [fx, fy])
-    }
-
     /// Between the texels at (face, row, column) with its border and those after it, this far from the first.
     #[inline(always)]
     fn between(&self, [face, row, column]: [usize; 3], [fx, fy]: [f32; 2]) -> Vec4 {
@@ -229,8 +190,60 @@ impl CubePlaces {
     }
 }
 
+/// The same at one place, in 64 bits: what tests hold four places at once to.
+#[cfg(test)]
+mod exact {
+    use glam::DVec3;
+
+    use super::*;
+
+    impl Surroundings {
+        /// Irradiance / pi on a surface with world normal `normal`.
+        pub fn diffuse(&self, normal: DVec3) -> DVec3 {
+            self.irradiance.levels.first().map_or(DVec3::ZERO, |level| wide(level.at(self.turned(normal))))
+        }
+
+        /// Radiance around world direction `direction` as a surface of perceptual roughness `roughness` reflects it.
+        pub fn reflection(&self, direction: DVec3, roughness: f64) -> DVec3 {
+            let levels = &self.specular.levels;
+            let Some(last) = levels.len().checked_sub(1) else { return DVec3::ZERO };
+            let at = roughness.clamp(0.0, 1.0) * last as f64;
+            let (lower, blend) = (at as usize, at - at.floor());
+            let direction = self.turned(direction);
+            let value = levels[lower].at(direction);
+            if blend == 0.0 {
+                return wide(value);
+            }
+            wide(value.lerp(levels[lower + 1].at(direction), blend as f32))
+        }
+
+        fn turned(&self, v: DVec3) -> DVec3 {
+            let [sin, cos] = self.turn;
+            DVec3::new(cos * v.x + sin * v.z, v.y, cos * v.z - sin * v.x)
+        }
+    }
+
+    fn wide(v: Vec4) -> DVec3 {
+        v.truncate().as_dvec3()
+    }
+
+    impl Level {
+        pub(super) fn at(&self, direction: DVec3) -> Vec4 {
+            let (face, s, t) = cube_coordinates(direction);
+            let half = 0.5 * self.size as f64;
+            // From the middle of the border's first texel.
+            let (u, v) = ((s + 1.0) * half + 0.5, (t + 1.0) * half + 0.5);
+            let (x, y) = ((u as usize).min(self.size), (v as usize).min(self.size));
+            let (fx, fy) = ((u - x as f64) as f32, (v - y as f64) as f32);
+            self.between([face, y, x], [fx, fy])
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use glam::DVec3;
+
     use super::*;
 
     #[test]

@@ -300,6 +300,11 @@ fn each_row(
 }
 
 impl Pixels {
+    /// Leaves out no tile, though nothing of it changes, unless it `rests`.
+    pub(crate) fn set_rests(&mut self, rests: bool) {
+        self.following.rests = rests;
+    }
+
     /// Pixels that first see light at the start of `settings`; those of the tiles `only`, unless it is empty.
     ///
     /// # Errors
@@ -347,6 +352,7 @@ impl Pixels {
                 start_us: settings.start_us,
                 only: only.to_vec(),
                 senses: sensing.is_some() || frames.is_some(),
+                rests: true,
                 sensing,
             },
             frames,
@@ -405,6 +411,7 @@ impl Pixels {
             report.entries += row.entries;
             report.pixel_blocks += row.pixel_blocks;
             report.quiet += row.quiet;
+            report.resting += row.resting;
             report.refollowed += row.refollowed;
             report.on_device += row.on_device;
             report.losses.add(row.losses);

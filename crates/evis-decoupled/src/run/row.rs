@@ -15,6 +15,7 @@ use crate::scene::tiles::{PIXELS, TILE};
 use crate::scene::world::World;
 use crate::shading::light::bits;
 use crate::shading::light::packed::RowPacker;
+use crate::shading::shadow::Beam;
 use crate::signal::events::Thresholds;
 use crate::signal::knots::{Knots, TileLuminance, TileSignal};
 use crate::signal::path::{PixelPath, stride};
@@ -45,6 +46,19 @@ pub(crate) struct Row {
     light: Vec<f32>,
     /// Of stages on a device: what its pixels have seen of the block in work.
     staged: Staged,
+    /// Per tile: nothing of it changed in the block before.
+    resting: Vec<Option<Resting>>,
+}
+
+/// A tile that shows what rests only: nothing of it changes until something that moves comes into it, or throws a shadow on it.
+struct Resting {
+    /// Of materials and lights.
+    version: u64,
+    /// See [`crate::shading::light::TileLight::beams`].
+    beams: Box<[Option<Beam>]>,
+    /// Its pixels that see anything, and how many facets these see, all together.
+    pixels: u64,
+    entries: u64,
 }
 
 /// A tile of which a device finds the light.
@@ -111,6 +125,8 @@ pub(crate) struct Following {
     pub sensing: Option<Sensing>,
     /// Whether light is wanted throughout a block: by that, or by one that takes frames.
     pub senses: bool,
+    /// Whether tiles of which nothing changes are left out, which changes no event.
+    pub rests: bool,
 }
 
 impl Following {
@@ -176,6 +192,7 @@ impl Row {
             sampled: Vec::new(),
             light: Vec::new(),
             staged: Staged::default(),
+            resting: std::iter::repeat_with(|| None).take(columns).collect(),
         }
     }
 
@@ -204,15 +221,61 @@ impl Row {
             return;
         }
         let started = Instant::now();
+        if following.rests {
+            self.wake(evaluator, row);
+        } else {
+            self.resting.fill_with(|| None);
+        }
         let wanted = |column: usize| only.get(column) != Some(&false);
-        let tiles = evaluator.lists.row_where(evaluator.world, row, wanted);
+        let moves = |column: usize| wanted(column) && self.resting[column].is_none();
+        let tiles = evaluator.lists.row_where(evaluator.world, row, moves);
         self.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| wanted(*column)) {
-            self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs));
+            if self.resting[column].is_some() {
+                self.rest(evaluator.block, (following, taken), ([column, row], packs));
+            } else {
+                self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs));
+            }
         }
         self.staged.ready = self.packer.row.pixels.is_empty();
         self.report.pixels_s += started.elapsed().as_secs_f64();
+    }
+
+    /// Ends the rest of tiles in which something may change during the block.
+    fn wake(&mut self, evaluator: &Evaluator, row: usize) {
+        let Evaluator { lists, lighting, block, .. } = evaluator;
+        if self.resting.iter().all(Option::is_none) {
+            return;
+        }
+        lists.moving_columns(row, |column| self.resting[column] = None);
+        for resting in &mut self.resting {
+            let stays = |own: &Resting| {
+                !block.jump && own.version == lighting.version() && !lighting.is_approached(&own.beams)
+            };
+            *resting = resting.take().filter(stays);
+        }
+    }
+
+    /// Goes through the block with a tile of which nothing changes.
+    fn rest(
+        &mut self,
+        block: Block,
+        (following, taken): (&Following, Option<&Taken>),
+        ([column, row], packs): ([usize; 2], Option<Packs>),
+    ) {
+        let Some(Resting { pixels, entries, .. }) = &self.resting[column] else { return };
+        let pixels = *pixels;
+        self.report.entries += entries;
+        self.report.pixel_blocks += u64::from(pixels.count_ones());
+        self.report.resting += u64::from(pixels.count_ones());
+        let Some(before) = self.lights.get(column).copied().flatten() else { return };
+        if packs.is_some_and(|packs| packs.stays) {
+            bits(pixels).for_each(|pixel| self.staged.refer(column * PIXELS + pixel, 0, (0, false)));
+        } else {
+            let signal = TileSignal::still(before, Knots::resting(block));
+            self.sense_tile(block, (following, taken), &signal, [column, row]);
+        }
     }
 
     /// What a device needs of it.
@@ -416,12 +479,23 @@ impl Row {
         // Of a tile whose others a device has followed.
         let (again, only) = (only.is_some(), only.unwrap_or(u64::MAX));
         let mut activities = [None; PIXELS];
+        let (mut still, mut pixels, mut entry_count) = (true, 0_u64, 0);
         for pixel in (0..PIXELS).filter(inside) {
-            activities[pixel] = Some(evaluator.activity(work, entries, pixel));
-            if !again {
-                self.report.entries += work.entry_count(pixel) as u64;
-                self.report.pixel_blocks += 1;
-            }
+            let activity = evaluator.activity(work, entries, pixel);
+            activities[pixel] = Some(activity);
+            still &= activity.still;
+            pixels |= 1 << pixel;
+            entry_count += work.entry_count(pixel) as u64;
+        }
+        if !again {
+            self.report.entries += entry_count;
+            self.report.pixel_blocks += u64::from(pixels.count_ones());
+            self.resting[column] = still.then(|| Resting {
+                version: evaluator.lighting.version(),
+                beams: work.beams().into(),
+                pixels,
+                entries: entry_count,
+            });
         }
         if following.senses {
             let begins = self.lights[column].is_none();

@@ -115,6 +115,8 @@ pub struct Report {
     pub pixel_blocks: u64,
     /// Of these, those in which something moves and light stays between a pixel's thresholds, as bounds say.
     pub quiet: u64,
+    /// Pixels, counted for each block, in tiles of which nothing changes: these are left out.
+    pub resting: u64,
     /// Of the evaluations, those on a device.
     pub on_device: u64,
     /// Pixels times blocks that a device left to the processor, since something of them did not fit.

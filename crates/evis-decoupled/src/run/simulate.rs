@@ -34,6 +34,11 @@ pub struct Outcome {
 /// # Errors
 /// A setting or a camera that cannot be used.
 pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
+    simulate_resting(scene, settings, true)
+}
+
+/// The same; tiles of which nothing changes are left out if they may `rest`.
+fn simulate_resting(scene: &Scene, settings: &Settings, rests: bool) -> Result<Outcome, Error> {
     settings.check()?;
     let world = World::new(scene, settings.camera, settings.size)?;
     let shared = Shared::new(scene);
@@ -48,6 +53,7 @@ pub fn simulate(scene: &Scene, settings: &Settings) -> Result<Outcome, Error> {
     let measured = || seen.as_deref().map_or(1.0, reference_luminance);
     let reference = settings.reference_luminance.unwrap_or_else(measured);
     let mut pixels = Pixels::new((&world, 0), settings, reference, &[])?;
+    pixels.set_rests(rests);
     let views = [pixels.own().clone()];
     let mut device = Loaded::open(settings.devices.as_ref(), (scene, &shared), &views)?;
     if let Some(seen) = &seen {
@@ -162,4 +168,101 @@ pub(crate) fn reference_luminance(picture: &[f64]) -> f64 {
         .fold((0.0, 0_u64), |(sum, count), y| (sum + y.ln(), count + 1));
     let reference = (sum / count.max(1) as f64).exp() / 0.18;
     if count > 0 && reference.is_finite() && reference > 0.0 { reference } else { 1.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use evis_core::SensorConfig;
+    use evis_scene::motion::{Curve, Interpolation, Path, WaveShape, Waveform};
+    use evis_scene::primitive::Shape;
+    use evis_scene::{Material, Motion, Primitive, ShadingModel, Trs};
+    use glam::{DMat4, DVec3};
+
+    use super::*;
+    use crate::scene::testing::{add, solids};
+
+    /// Still solids on a floor before a camera that stands, two that cross the picture, or throw a shadow into it from beside it, and one
+    /// that shines by itself and is elsewhere at once.
+    fn crossed(seed: u32) -> Scene {
+        let mut scene = solids();
+        let mut state = seed.wrapping_mul(747_796_405).wrapping_add(1);
+        let mut between = |low: f64, high: f64| {
+            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+            low + (high - low) * f64::from(state >> 8) / f64::from(1 << 24)
+        };
+        let mut movers = 0;
+        for node in &mut scene.nodes {
+            let Motion::Path(path) = &node.motion else { continue };
+            let at = |start: &Trs| Trs { ..*start };
+            let start = match &**path {
+                Path::Spin { start, .. } | Path::ConstantVelocity { start, .. } => at(start),
+                _ => continue,
+            };
+            movers += usize::from(node.mesh.is_some());
+            node.motion = if node.mesh.is_some() && movers <= 2 {
+                let side = if between(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };
+                let place = DVec3::new(side * between(1.0, 2.5), between(0.2, 1.2), between(-1.5, 0.5));
+                let velocity = DVec3::new(-side * between(3.0, 12.0), between(-0.3, 0.3), between(-2.0, 2.0));
+                let start = Trs { translation: place, ..start };
+                Motion::Path(std::sync::Arc::new(Path::ConstantVelocity { start, velocity }))
+            } else {
+                Motion::Fixed(DMat4::from_scale_rotation_translation(
+                    start.scale,
+                    start.rotation,
+                    start.translation,
+                ))
+            };
+        }
+        let material = scene.materials.len();
+        scene.materials.push(Material { model: ShadingModel::Unlit, ..Material::default() });
+        let step = Curve {
+            times: vec![0.0, between(0.05, 0.1), between(0.11, 0.15)],
+            values: (0..3).flat_map(|_| [between(-0.8, 0.8), between(0.2, 1.0), -0.5]).collect(),
+            width: 3,
+            interpolation: Interpolation::Step,
+        };
+        let motion =
+            Motion::Animated { rest: Trs::default(), translation: Some(step), rotation: None, scale: None };
+        let shape = Shape::Box { size: [0.2; 3] }.build(None, [1.0; 2]).unwrap();
+        add(&mut scene, Primitive { material, ..shape }, motion);
+        if seed.is_multiple_of(3) {
+            let (shape, frequency_hz) = (WaveShape::Pwm { duty: 0.3 }, between(8.0, 20.0));
+            let wave = Waveform { shape, frequency_hz, phase: 0.0, low: 0.2, high: 1.0 };
+            scene.materials[1].emissive = [0.5; 3];
+            scene.materials[1].emission_waveform = Some(wave);
+        }
+        scene
+    }
+
+    #[test]
+    fn tiles_that_rest_change_no_event() {
+        let mut refractory = SensorConfig::default();
+        refractory.refractory.period_us = 200;
+        let sensors = [
+            SensorConfig::default(),
+            refractory,
+            SensorConfig::preset("gen4-like").unwrap(),
+            SensorConfig::preset("v2e").unwrap(),
+        ];
+        let (mut rested, mut all, mut events) = (0, 0, 0);
+        for seed in 0..4 {
+            let scene = crossed(seed);
+            let sensor = sensors[seed as usize % sensors.len()].clone();
+            let settings =
+                Settings { sensor, size: Some((48, 40)), duration_us: 180_000, ..Settings::default() };
+            let [left_out, followed] =
+                [true, false].map(|rests| simulate_resting(&scene, &settings, rests).unwrap());
+            assert_eq!(left_out.events, followed.events, "{seed}");
+            assert_eq!(left_out.report.pixel_blocks, followed.report.pixel_blocks);
+            assert_eq!(left_out.report.entries, followed.report.entries);
+            assert_eq!(followed.report.resting, 0);
+            rested += left_out.report.resting;
+            all += left_out.report.pixel_blocks;
+            events += left_out.events.len();
+        }
+        assert!(
+            5 * rested > all && 10 * rested < 9 * all && events > 2000,
+            "{rested} of {all} rest, {events} events"
+        );
+    }
 }

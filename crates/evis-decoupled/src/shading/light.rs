@@ -28,10 +28,10 @@ use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
 use crate::scene::world::{Frame, World};
 use crate::shading::bounds::{Bounds, ranges};
 use crate::shading::cache::Cache;
-use crate::shading::material::{self, Around, Lamp, Response, respond};
+use crate::shading::material::{self, Around, Lamp};
 use crate::shading::moments::{self, FacetAt, Times};
-use crate::shading::places::{LightsOverTime, MappedFacet};
-use crate::shading::shadow::{Hull, Lit, Occluder, ScreenLamp, Tree};
+use crate::shading::places::{LightsOverTime, LitFacet, MappedFacet, Responses};
+use crate::shading::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::visibility::blocks::{Block, Clock};
 use crate::visibility::coverage::{Moments, Polygon, Polygons};
 use crate::visibility::fragment::{Line, Sight};
@@ -226,6 +226,9 @@ pub struct TileLight {
     /// Per slot, bounds of its light, found when they are first asked for, and maybe none; empty until any are asked for.
     bounds: Vec<Option<Option<Bounds<MOST_OWN>>>>,
     view: TileView,
+    /// Where lamps that rest shine on parts of facets that do: what moves there throws a shadow on them, maybe. Without a beam it may
+    /// be anywhere.
+    pub beams: Vec<Option<Beam>>,
     found: Vec<u32>,
     lit: Lit,
     /// By moment, slot and lamp: where in `lines` the half planes of its occluders begin, plus 1.
@@ -478,6 +481,7 @@ impl<'a> Lighting<'a> {
         tile.patches.clear();
         tile.bounds.clear();
         tile.occluders.clear();
+        tile.beams.clear();
         tile.line_starts.clear();
         tile.lines.clear();
         tile.view = self.world.tile(place);
@@ -621,48 +625,70 @@ impl<'a> Lighting<'a> {
             };
             node.iter().map(of).sum()
         };
-        let shade = |[x, y]: [f64; 2], out: &mut Vec<[f32; 4]>| {
-            let place =
-                [0, 1].map(|k| (f64::from(key.index[k]) + [x, y][k]) / f64::from(1_u32 << key.level[k]));
-            self.shade(facet, place, out);
+        let place = |[x, y]: [f64; 2]| {
+            [0, 1].map(|k| (f64::from(key.index[k]) + [x, y][k]) / f64::from(1_u32 << key.level[k]))
+        };
+        let facet = LitFacet::new(facet, &self.own, place([0.5; 2]));
+        let shade = |places: &[[f64; 2]], out: &mut Vec<[f32; 4]>| {
+            for four in places.chunks(4) {
+                self.shade(&facet, four, out);
+            }
         };
         let node = |number: usize| number * lamps..(number + 1) * lamps;
         let mut nodes = Vec::new();
-        for [x, y] in [[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]] {
-            shade([x, y], &mut nodes);
-        }
-        let (mut middles, mut coarser) = (Vec::new(), Vec::new());
+        shade(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(place), &mut nodes);
+        let (mut middles, mut coarser, mut others) = (Vec::new(), Vec::new(), Vec::new());
+        let mut places = Vec::new();
         let mut intervals = 1_usize;
         for finer in 1..=MOST_FINER {
             let step = 1.0 / intervals as f64;
             middles.clear();
             let tolerance = if finer == MOST_FINER { SHARP * SMOOTH } else { SMOOTH };
             let row = intervals + 1;
-            let is_smooth = (0..intervals * intervals).all(|cell| {
-                let (i, j) = (cell % intervals, cell / intervals);
-                shade([i, j].map(|k| (k as f64 + 0.5) * step), &mut middles);
-                let found = luminance(&middles[middles.len() - lamps..]);
-                let around = [0, 1, row, row + 1].map(|o| luminance(&nodes[node(j * row + i + o)]));
-                let expected = 0.25 * around.iter().sum::<f64>();
-                (found - expected).abs() <= tolerance * found.abs()
+            let all = intervals * intervals;
+            let middle_of =
+                |cell: usize| place([cell % intervals, cell / intervals].map(|k| (k as f64 + 0.5) * step));
+            let is_smooth = (0..all).step_by(4).all(|first| {
+                let cells = first..(first + 4).min(all);
+                places.clear();
+                places.extend(cells.clone().map(middle_of));
+                shade(&places, &mut middles);
+                cells.into_iter().all(|cell| {
+                    let found = luminance(&middles[node(cell)]);
+                    let corner = cell / intervals * row + cell % intervals;
+                    let around = [0, 1, row, row + 1].map(|offset| luminance(&nodes[node(corner + offset)]));
+                    let expected = 0.25 * around.iter().sum::<f64>();
+                    (found - expected).abs() <= tolerance * found.abs()
+                })
             });
             if is_smooth {
                 break;
             }
-            // Nodes, and the middles that were found, are nodes of the finer grid.
+            // Nodes, and the middles that were found, are nodes of the finer grid; the others are shaded together.
             std::mem::swap(&mut nodes, &mut coarser);
-            nodes.clear();
-            for j in 0..=2 * intervals {
-                for i in 0..=2 * intervals {
-                    let middle = (j / 2) * intervals + i / 2;
-                    if i % 2 == 0 && j % 2 == 0 {
-                        nodes.extend_from_slice(&coarser[node((j / 2) * row + i / 2)]);
-                    } else if i % 2 == 1 && j % 2 == 1 && middle * lamps < middles.len() {
-                        nodes.extend_from_slice(&middles[node(middle)]);
-                    } else {
-                        shade([i, j].map(|k| k as f64 * 0.5 * step), &mut nodes);
-                    }
+            let size = 2 * intervals + 1;
+            let known = |[i, j]: [usize; 2]| {
+                let middle = (j / 2) * intervals + i / 2;
+                match (i % 2, j % 2) {
+                    (0, 0) => Some((&coarser, (j / 2) * row + i / 2)),
+                    (1, 1) if middle * lamps < middles.len() => Some((&middles, middle)),
+                    _ => None,
                 }
+            };
+            let grid = || (0..size * size).map(|number| [number % size, number / size]);
+            places.clear();
+            let unknown = grid().filter(|at| known(*at).is_none());
+            places.extend(unknown.map(|at| place(at.map(|k| k as f64 * 0.5 * step))));
+            others.clear();
+            shade(&places, &mut others);
+            nodes.clear();
+            let mut next = 0;
+            for at in grid() {
+                let (from, number) = known(at).unwrap_or_else(|| {
+                    next += 1;
+                    (&others, next - 1)
+                });
+                nodes.extend_from_slice(&from[node(number)]);
             }
             intervals *= 2;
         }
@@ -678,13 +704,14 @@ impl<'a> Lighting<'a> {
         Patch { intervals, rows: std::iter::once(head).chain(nodes).collect(), lit, ranges }
     }
 
-    fn shade(&self, facet: &FacetAt, place: [f64; 2], out: &mut Vec<[f32; 4]>) {
-        self.shaded.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-        let pack =
-            |r: &Response| [r.linear.x as f32, r.linear.y as f32, r.linear.z as f32, r.constant as f32];
-        let mut responses = [Response::default(); 1 + MOST_OWN];
-        respond(&facet.point(place), facet.lamps, &self.own, &self.shared.around, &mut responses);
-        out.extend(responses[..1 + self.own.len()].iter().map(pack));
+    /// Appends nodes at `places` (s, t), four at most.
+    fn shade(&self, facet: &LitFacet, places: &[[f64; 2]], out: &mut Vec<[f32; 4]>) {
+        self.shaded.fetch_add(places.len() as u64, std::sync::atomic::Ordering::Relaxed);
+        let four = std::array::from_fn(|k| places[k.min(places.len() - 1)]);
+        let answers = facet.responses(&four, &self.shared.around).map(Responses::rows);
+        for k in 0..places.len() {
+            out.extend(answers[..1 + self.own.len()].iter().map(|rows| rows[k]));
+        }
     }
 
     /// Mean of the texture of entry `part.slot` over `part.moments`.

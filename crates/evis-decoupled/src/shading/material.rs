@@ -1,10 +1,5 @@
-//! How much light a surface point sends to the eye: glTF 2.0 metallic-roughness, as a linear function of base colour.
-//!
-//! For every light the outgoing radiance is `linear * base + constant` per channel: exact for dielectrics and metals,
-//! the secant at the surface's mean base colour for what is between. What varies slowly is kept; base colour is
-//! filtered when it is needed.
+//! Lamps and surface points at a time: from where light comes, how wide its highlights are, and the sky.
 
-use std::f64::consts::PI;
 use std::sync::OnceLock;
 
 use evis_core::luminance::LUMINANCE_WEIGHTS;
@@ -27,22 +22,6 @@ pub const LEAST_COSINE: f64 = 1e-4;
 const LEAST_BORDER: f64 = 1e-3;
 /// Entries per side of the split-sum table.
 pub const SPLIT_SUM: usize = 128;
-
-/// Outgoing luminance as a function of base colour: `linear . base + constant`.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Response {
-    /// Per channel, luminance weights applied.
-    pub linear: DVec3,
-    /// Luminance.
-    pub constant: f64,
-}
-
-impl Response {
-    fn add(&mut self, linear: DVec3, constant: DVec3) {
-        self.linear += LUMINANCE * linear;
-        self.constant += LUMINANCE.dot(constant);
-    }
-}
 
 /// A light at a time.
 #[derive(Clone, Copy, Debug)]
@@ -182,63 +161,6 @@ impl Around {
     }
 }
 
-/// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between.
-pub fn respond(point: &Point, lamps: &[Lamp], own: &[usize], around: &Around, out: &mut [Response]) {
-    let (open, apart) = out.split_at_mut(1);
-    indirect(point, around, &mut open[0]);
-    for (index, lamp) in lamps.iter().enumerate() {
-        match own.iter().position(|o| *o == index) {
-            Some(number) => direct(point, lamp, &mut apart[number]),
-            None => direct(point, lamp, &mut open[0]),
-        }
-    }
-}
-
-/// `base (1 - F)` and `F` of a mixed material, linear in base: see the module's text.
-struct Mix {
-    metallic: f64,
-    mean: DVec3,
-}
-
-impl Mix {
-    /// Adds `diffuse (1 - m) base (1 - f f0 - g) + specular (f f0 + g)`, where f0 = 0.04 (1 - m) + m base.
-    fn add(&self, out: &mut Response, diffuse: DVec3, specular: DVec3, f: f64, g: f64) {
-        let (m, dielectric) = (self.metallic, 0.04 * (1.0 - self.metallic));
-        let (linear, square) = (1.0 - m, -(1.0 - m) * m * f);
-        let constant = 1.0 - f * dielectric - g;
-        // The secant of base^2 between 0 and the mean is the mean.
-        out.add(
-            diffuse * (DVec3::splat(linear * constant) + self.mean * square) + specular * (m * f),
-            specular * (f * dielectric + g),
-        );
-    }
-}
-
-fn direct(point: &Point, lamp: &Lamp, out: &mut Response) {
-    let (to_light, irradiance) = lamp.incident(point.position);
-    let n_dot_l = point.normal.dot(to_light);
-    if n_dot_l <= 0.0 || irradiance == DVec3::ZERO {
-        return;
-    }
-    let light = irradiance * n_dot_l;
-    if point.model == ShadingModel::Diffuse {
-        out.add(light / PI, DVec3::ZERO);
-        return;
-    }
-    // glTF 2.0, appendix B.3; height-correlated masking (E. Heitz, JCGT 2014).
-    let half = (point.to_eye + to_light).normalize_or(point.normal);
-    let n_dot_h = point.normal.dot(half).max(0.0);
-    let n_dot_v = point.normal.dot(point.to_eye).max(LEAST_COSINE);
-    let alpha2 = (point.roughness * point.roughness).max(LEAST_ALPHA).powi(2);
-    let distribution = alpha2 / (PI * (n_dot_h * n_dot_h * (alpha2 - 1.0) + 1.0).powi(2));
-    let masked = |a: f64, b: f64| a * (b * b * (1.0 - alpha2) + alpha2).sqrt();
-    let visibility = 0.5 / (masked(n_dot_l, n_dot_v) + masked(n_dot_v, n_dot_l));
-    let grazing = (1.0 - point.to_eye.dot(half).clamp(0.0, 1.0)).powi(5);
-    let mix = Mix { metallic: point.metallic, mean: point.mean_base };
-    // F = f0 (1 - grazing) + grazing.
-    mix.add(out, light / PI, light * (distribution * visibility), 1.0 - grazing, grazing);
-}
-
 /// Angle between normal and half vector at which a highlight has a quarter of its peak.
 pub fn lobe_width(roughness: f64) -> f64 {
     (roughness * roughness).max(LEAST_ALPHA)
@@ -268,43 +190,6 @@ pub fn lobe_weight(point: &Point) -> f64 {
     (peak / (peak + dielectric).max(1e-9)).sqrt()
 }
 
-fn indirect(point: &Point, around: &Around, out: &mut Response) {
-    let ambient = around.ambient * point.occlusion;
-    let environment = around.surroundings.as_ref();
-    let around = environment.map_or(DVec3::ZERO, |e| e.diffuse(point.normal)) * point.occlusion;
-    if point.model == ShadingModel::Diffuse {
-        out.add(ambient + around, DVec3::ZERO);
-        return;
-    }
-    let m = point.metallic;
-    // Ambient light meets diffuse colour and f0 alike: base (1 - m) + 0.04 (1 - m) + base m.
-    out.add(ambient, ambient * (0.04 * (1.0 - m)));
-    if let Some(environment) = environment {
-        let n_dot_v = point.normal.dot(point.to_eye).max(LEAST_COSINE);
-        let [scale, bias] = split_sum(n_dot_v, point.roughness);
-        let mirror =
-            (2.0 * point.normal.dot(point.to_eye) * point.normal - point.to_eye).normalize_or(point.normal);
-        let reflected = environment.reflection(mirror, point.roughness) * point.occlusion;
-        Mix { metallic: m, mean: point.mean_base }.add(out, around, reflected, scale, bias);
-    }
-}
-
-/// Scale and bias of F0 under light from all around (B. Karis, 2013), read bilinearly from a table.
-fn split_sum(n_dot_v: f64, roughness: f64) -> [f64; 2] {
-    let table = split_sums();
-    let place = |v: f64| {
-        let at = (v * SPLIT_SUM as f64 - 0.5).clamp(0.0, (SPLIT_SUM - 1) as f64);
-        let low = (at as usize).min(SPLIT_SUM - 2);
-        (low, at - low as f64)
-    };
-    let ((x, fx), (y, fy)) = (place(n_dot_v), place(roughness));
-    [0, 1].map(|k| {
-        let entry = |x: usize, y: usize| f64::from(table[y * SPLIT_SUM + x][k]);
-        (entry(x, y) * (1.0 - fx) + entry(x + 1, y) * fx) * (1.0 - fy)
-            + (entry(x, y + 1) * (1.0 - fx) + entry(x + 1, y + 1) * fx) * fy
-    })
-}
-
 /// [`SPLIT_SUM`] squared pairs of the split sum.
 pub fn split_sums() -> &'static [[f32; 2]] {
     static TABLE: OnceLock<Vec<[f32; 2]>> = OnceLock::new();
@@ -321,4 +206,122 @@ pub fn sky(environment: &Environment, direction: DVec3, texels: f64) -> f64 {
 /// Texels of the sky per radian in the middle of a face: one spans 2 / size there.
 pub fn sky_texels(environment: &Environment) -> f64 {
     0.5 * f64::from(environment.sky.size)
+}
+
+/// How one place responds to light, in 64 bits: what tests hold four places at once to.
+#[cfg(test)]
+pub mod exact {
+    use std::f64::consts::PI;
+
+    use super::*;
+
+    /// Outgoing luminance as a function of base colour: `linear . base + constant`.
+    #[derive(Clone, Copy, Debug, Default, PartialEq)]
+    pub struct Response {
+        /// Per channel, luminance weights applied.
+        pub linear: DVec3,
+        /// Luminance.
+        pub constant: f64,
+    }
+
+    impl Response {
+        fn add(&mut self, linear: DVec3, constant: DVec3) {
+            self.linear += LUMINANCE * linear;
+            self.constant += LUMINANCE.dot(constant);
+        }
+    }
+
+    /// Responses to everything but the lamps of indices `own`, then to each of these if nothing is in between.
+    pub fn respond(point: &Point, lamps: &[Lamp], own: &[usize], around: &Around, out: &mut [Response]) {
+        let (open, apart) = out.split_at_mut(1);
+        indirect(point, around, &mut open[0]);
+        for (index, lamp) in lamps.iter().enumerate() {
+            match own.iter().position(|o| *o == index) {
+                Some(number) => direct(point, lamp, &mut apart[number]),
+                None => direct(point, lamp, &mut open[0]),
+            }
+        }
+    }
+
+    /// `base (1 - F)` and `F` of a mixed material, linear in base: see the module's text.
+    struct Mix {
+        metallic: f64,
+        mean: DVec3,
+    }
+
+    impl Mix {
+        /// Adds `diffuse (1 - m) base (1 - f f0 - g) + specular (f f0 + g)`, where f0 = 0.04 (1 - m) + m base.
+        fn add(&self, out: &mut Response, diffuse: DVec3, specular: DVec3, f: f64, g: f64) {
+            let (m, dielectric) = (self.metallic, 0.04 * (1.0 - self.metallic));
+            let (linear, square) = (1.0 - m, -(1.0 - m) * m * f);
+            let constant = 1.0 - f * dielectric - g;
+            // The secant of base^2 between 0 and the mean is the mean.
+            out.add(
+                diffuse * (DVec3::splat(linear * constant) + self.mean * square) + specular * (m * f),
+                specular * (f * dielectric + g),
+            );
+        }
+    }
+
+    fn direct(point: &Point, lamp: &Lamp, out: &mut Response) {
+        let (to_light, irradiance) = lamp.incident(point.position);
+        let n_dot_l = point.normal.dot(to_light);
+        if n_dot_l <= 0.0 || irradiance == DVec3::ZERO {
+            return;
+        }
+        let light = irradiance * n_dot_l;
+        if point.model == ShadingModel::Diffuse {
+            out.add(light / PI, DVec3::ZERO);
+            return;
+        }
+        // glTF 2.0, appendix B.3; height-correlated masking (E. Heitz, JCGT 2014).
+        let half = (point.to_eye + to_light).normalize_or(point.normal);
+        let n_dot_h = point.normal.dot(half).max(0.0);
+        let n_dot_v = point.normal.dot(point.to_eye).max(LEAST_COSINE);
+        let alpha2 = (point.roughness * point.roughness).max(LEAST_ALPHA).powi(2);
+        let distribution = alpha2 / (PI * (n_dot_h * n_dot_h * (alpha2 - 1.0) + 1.0).powi(2));
+        let masked = |a: f64, b: f64| a * (b * b * (1.0 - alpha2) + alpha2).sqrt();
+        let visibility = 0.5 / (masked(n_dot_l, n_dot_v) + masked(n_dot_v, n_dot_l));
+        let grazing = (1.0 - point.to_eye.dot(half).clamp(0.0, 1.0)).powi(5);
+        let mix = Mix { metallic: point.metallic, mean: point.mean_base };
+        // F = f0 (1 - grazing) + grazing.
+        mix.add(out, light / PI, light * (distribution * visibility), 1.0 - grazing, grazing);
+    }
+
+    fn indirect(point: &Point, around: &Around, out: &mut Response) {
+        let ambient = around.ambient * point.occlusion;
+        let environment = around.surroundings.as_ref();
+        let around = environment.map_or(DVec3::ZERO, |e| e.diffuse(point.normal)) * point.occlusion;
+        if point.model == ShadingModel::Diffuse {
+            out.add(ambient + around, DVec3::ZERO);
+            return;
+        }
+        let m = point.metallic;
+        // Ambient light meets diffuse colour and f0 alike: base (1 - m) + 0.04 (1 - m) + base m.
+        out.add(ambient, ambient * (0.04 * (1.0 - m)));
+        if let Some(environment) = environment {
+            let n_dot_v = point.normal.dot(point.to_eye).max(LEAST_COSINE);
+            let [scale, bias] = split_sum(n_dot_v, point.roughness);
+            let mirror = (2.0 * point.normal.dot(point.to_eye) * point.normal - point.to_eye)
+                .normalize_or(point.normal);
+            let reflected = environment.reflection(mirror, point.roughness) * point.occlusion;
+            Mix { metallic: m, mean: point.mean_base }.add(out, around, reflected, scale, bias);
+        }
+    }
+
+    /// Scale and bias of F0 under light from all around (B. Karis, 2013), read bilinearly from a table.
+    fn split_sum(n_dot_v: f64, roughness: f64) -> [f64; 2] {
+        let table = split_sums();
+        let place = |v: f64| {
+            let at = (v * SPLIT_SUM as f64 - 0.5).clamp(0.0, (SPLIT_SUM - 1) as f64);
+            let low = (at as usize).min(SPLIT_SUM - 2);
+            (low, at - low as f64)
+        };
+        let ((x, fx), (y, fy)) = (place(n_dot_v), place(roughness));
+        [0, 1].map(|k| {
+            let entry = |x: usize, y: usize| f64::from(table[y * SPLIT_SUM + x][k]);
+            (entry(x, y) * (1.0 - fx) + entry(x + 1, y) * fx) * (1.0 - fy)
+                + (entry(x, y + 1) * (1.0 - fx) + entry(x + 1, y + 1) * fx) * fy
+        })
+    }
 }

@@ -1,18 +1,19 @@
-//! Light that four places of a surface send at once, in 32 bits: what [`crate::shading::material`] says, of base colours that are
-//! known, at a time of a block.
+//! Light that four places of a surface send at once, in 32 bits: glTF 2.0 metallic-roughness, as a linear function of base colour, at a
+//! time of a block.
 //!
 //! Lamps, the eye and the corners of facets are quadratics of the block's time. About the middle of what a pixel sees of a facet
 //! all is counted from there, which 64 bits find: 32 bits suffice for what is left. The twin of a device's `decoupled/maps.wgsl`.
 
 use std::f32::consts::PI;
 
-use evis_scene::{LightKind, ShadingModel};
+use evis_scene::{Eye, LightKind, ShadingModel};
 use glam::{DVec3, Mat4, Vec4};
 
 use crate::fours::{Four, parts};
 use crate::image::maps::FacetMaps;
 use crate::packed;
-use crate::shading::material::{Around, LEAST_ALPHA, LEAST_COSINE, Lamp, SPLIT_SUM, split_sums};
+use crate::shading::material::{Around, LEAST_ALPHA, LEAST_COSINE, LUMINANCE, Lamp, SPLIT_SUM, split_sums};
+use crate::shading::moments::FacetAt;
 use crate::visibility::lists::powers;
 
 /// A vector as a quadratic of the block's time.
@@ -139,6 +140,18 @@ pub struct LampAt {
 }
 
 impl LampAt {
+    /// `lamp`, seen from `middle`; `own` is its number among those whose light is kept apart, plus 1.
+    pub fn new(lamp: &Lamp, own: usize, middle: DVec3) -> Self {
+        Self {
+            offset: (lamp.kind != LightKind::Directional).then(|| Four::splat(lamp.position - middle)),
+            to_light: Four::splat(-lamp.direction),
+            strength: Four::splat(lamp.strength),
+            inverse_range: lamp.range.map_or(0.0, |range| (1.0 / (range * range)) as f32),
+            cone: lamp.cone.map(|cone| cone.map(|v| v as f32)),
+            own,
+        }
+    }
+
     /// Unit vectors to the lamp, and irradiances on surfaces that face it, at places this far from the middle.
     #[inline(always)]
     fn incident(&self, from_middle: Four) -> (Four, Four) {
@@ -178,6 +191,107 @@ pub struct Points {
     pub occlusion: Vec4,
 }
 
+/// What four places send of some light, per channel: base colour times `linear`, and luminance that is `constant`. Exact for
+/// dielectrics and metals, of what is between the secant at the base colour that is known.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Responses {
+    /// Factors of base colour.
+    pub linear: Four,
+    /// What does not depend on it.
+    pub constant: Vec4,
+}
+
+impl Responses {
+    /// Luminances that places with these base colours send.
+    #[inline(always)]
+    pub fn sent(self, base: Four) -> Sent {
+        Sent { proportional: (self.linear * base).luminance(), constant: self.constant }
+    }
+
+    /// Per place luminance as a function of base colour: factors of its channels, and what does not depend on it.
+    #[inline(always)]
+    pub fn rows(self) -> [[f32; 4]; 4] {
+        let [r, g, b] = LUMINANCE.to_array().map(|w| w as f32);
+        let Self { linear: Four { x, y, z }, constant } = self;
+        Mat4::from_cols(x * r, y * g, z * b, constant).transpose().to_cols_array_2d()
+    }
+}
+
+impl std::ops::AddAssign for Responses {
+    #[inline(always)]
+    fn add_assign(&mut self, other: Self) {
+        self.linear = self.linear + other.linear;
+        self.constant += other.constant;
+    }
+}
+
+/// A facet without maps and its lamps at a time, seen from a place of it.
+pub struct LitFacet {
+    model: ShadingModel,
+    /// (s, t) of that place.
+    middle: [f64; 2],
+    /// How positions change with s and t.
+    along: [Four; 2],
+    /// Normals at (s, t) = (0, 0), and their change with s and t.
+    normals: [Four; 3],
+    /// 1 from its front, -1 from behind.
+    side: f32,
+    /// From there to the eye, or against its rays where these are parallel.
+    to_eye: Four,
+    is_parallel: bool,
+    /// What is the same everywhere on it.
+    all: Points,
+    lamps: Vec<LampAt>,
+}
+
+impl LitFacet {
+    /// `facet`, seen from (s, t) = `middle`; light of the lamps with indices `own` is kept apart.
+    pub fn new(facet: &FacetAt, own: &[usize], middle: [f64; 2]) -> Self {
+        let changes = |[a, b, d]: [DVec3; 3]| [a, b - a, d - a];
+        let [first, along @ ..] = changes(facet.corners.map(|corner| corner.0));
+        let place = first + along[0] * middle[0] + along[1] * middle[1];
+        let number = |lamp: usize| own.iter().position(|own| *own == lamp).map_or(0, |number| number + 1);
+        let lamps = facet.lamps.iter().enumerate().map(|(k, lamp)| LampAt::new(lamp, number(k), place));
+        let all = &facet.all;
+        Self {
+            model: all.model,
+            middle,
+            along: along.map(Four::splat),
+            normals: changes(facet.corners.map(|corner| corner.1)).map(Four::splat),
+            side: facet.side as f32,
+            to_eye: Four::splat(facet.eye.map_or(DVec3::Z, |eye| -eye.toward(place))),
+            is_parallel: !matches!(facet.eye, Some(Eye::At(_))),
+            all: Points {
+                base: Four::splat(all.mean_base),
+                metallic: Vec4::splat(all.metallic as f32),
+                roughness: Vec4::splat(all.roughness as f32),
+                occlusion: Vec4::splat(all.occlusion as f32),
+                ..Points::default()
+            },
+            lamps: lamps.collect(),
+        }
+    }
+
+    /// How four places (s, t) respond to everything but the lamps that are kept apart, and then each of these, if nothing is in between.
+    pub fn responses(&self, places: &[[f64; 2]; 4], around: &Around) -> [Responses; 1 + packed::MOST_OWN] {
+        let [s, t] = [0, 1].map(|k| Vec4::from_array(places.map(|place| place[k] as f32)));
+        let [ds, dt] =
+            [0, 1].map(|k| Vec4::from_array(places.map(|place| (place[k] - self.middle[k]) as f32)));
+        let from_middle = self.along[0] * ds + self.along[1] * dt;
+        let up = Four { z: Vec4::ONE, ..Four::default() };
+        let [normal, along @ ..] = self.normals;
+        let normal = (normal + along[0] * s + along[1] * t).normalize_or(up) * self.side;
+        let to_eye = if self.is_parallel { self.to_eye } else { self.to_eye - from_middle };
+        let points = Points { from_middle, normal, to_eye: to_eye.normalize_or(up), ..self.all };
+        let mut responses = [Responses::default(); 1 + packed::MOST_OWN];
+        responses[0] = points.of_around(around, self.model);
+        for lamp in &self.lamps {
+            responses[lamp.own] += points.of_lamp(lamp, self.model);
+        }
+        responses
+    }
+}
+
 /// Luminances that four places send: of what is proportional to base colour, and of the rest.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Sent {
@@ -190,60 +304,55 @@ pub struct Sent {
 impl Points {
     /// Diffuse light `diffuse (1 - m) (1 - F)` and mirrored light `specular F`, F = f f0 + g and f0 = 0.04 (1 - m) + m base.
     #[inline(always)]
-    fn mixed(&self, diffuse: Four, specular: Four, f: Vec4, g: Vec4) -> Sent {
+    fn mixed(&self, diffuse: Four, specular: Four, f: Vec4, g: Vec4) -> Responses {
         let rest = 1.0 - self.metallic;
         let dielectric = rest * 0.04;
         let (flat, steep) = (rest * (1.0 - f * dielectric - g), rest * self.metallic * f);
         let constant = Four { x: flat, y: flat, z: flat } - self.base * steep;
-        let linear = diffuse * constant + specular * (self.metallic * f);
-        Sent {
-            proportional: (linear * self.base).luminance(),
+        Responses {
+            linear: diffuse * constant + specular * (self.metallic * f),
             constant: specular.luminance() * (f * dielectric + g),
         }
     }
 
     /// What of indirect light they send.
     #[inline(always)]
-    pub fn of_around(&self, around: &Around, model: ShadingModel) -> Sent {
+    pub fn of_around(&self, around: &Around, model: ShadingModel) -> Responses {
         let ambient = Four::splat(around.ambient) * self.occlusion;
         let surroundings = around.surroundings.as_ref();
         let irradiance =
             surroundings.map_or(Four::default(), |s| s.diffuse_of_four(self.normal) * self.occlusion);
         if model == ShadingModel::Diffuse {
-            let proportional = ((ambient + irradiance) * self.base).luminance();
-            return Sent { proportional, constant: Vec4::ZERO };
+            return Responses { linear: ambient + irradiance, constant: Vec4::ZERO };
         }
-        let mut sent = Sent {
-            proportional: (ambient * self.base).luminance(),
-            constant: ambient.luminance() * ((1.0 - self.metallic) * 0.04),
-        };
+        // Ambient light meets diffuse colour and f0 alike: base (1 - m) + 0.04 (1 - m) + base m.
+        let constant = ambient.luminance() * ((1.0 - self.metallic) * 0.04);
+        let mut response = Responses { linear: ambient, constant };
         if let Some(surroundings) = surroundings {
             let cosine = self.normal.dot(self.to_eye);
             let [scale, bias] = split_sum(cosine.max(Vec4::splat(LEAST_COSINE as f32)), self.roughness);
             let mirror = (self.normal * (cosine * 2.0) - self.to_eye).normalize_or(self.normal);
             let reflected = surroundings.reflection_of_four(mirror, self.roughness) * self.occlusion;
-            let mixed = self.mixed(irradiance, reflected, scale, bias);
-            sent.proportional += mixed.proportional;
-            sent.constant += mixed.constant;
+            response += self.mixed(irradiance, reflected, scale, bias);
         }
-        sent
+        response
     }
 
     /// What of a lamp's light they send if nothing is in between.
     #[inline(always)]
-    pub fn of_lamp(&self, lamp: &LampAt, model: ShadingModel) -> Sent {
+    pub fn of_lamp(&self, lamp: &LampAt, model: ShadingModel) -> Responses {
         let (to_light, irradiance) = lamp.incident(self.from_middle);
         let n_dot_l = self.normal.dot(to_light);
         let reached = n_dot_l.cmpgt(Vec4::ZERO);
         if !reached.any() {
-            return Sent::default();
+            return Responses::default();
         }
         // Of no light nothing comes back, whatever the rest is.
         let n_dot_l = n_dot_l.max(Vec4::ZERO);
         let light = irradiance * n_dot_l;
         let diffuse = light * (1.0 / PI);
         if model == ShadingModel::Diffuse {
-            return Sent { proportional: (diffuse * self.base).luminance(), constant: Vec4::ZERO };
+            return Responses { linear: diffuse, constant: Vec4::ZERO };
         }
         // glTF 2.0, appendix B.3; height-correlated masking (E. Heitz, JCGT 2014).
         let half = (self.to_eye + to_light).normalize_or(self.normal);
@@ -297,7 +406,8 @@ mod tests {
     use evis_scene::environment::Environment;
 
     use super::*;
-    use crate::shading::material::{LUMINANCE, Point, Response, respond};
+    use crate::shading::material::Point;
+    use crate::shading::material::exact::{Response, respond};
 
     /// Numbers from 0 to 1.
     fn numbers() -> impl FnMut() -> f64 {
@@ -374,6 +484,7 @@ mod tests {
             };
             let at = LampOverTime::new([lamp; 3], 0).at(0.3, middle);
             let sent = [together.of_around(around, model), together.of_lamp(&at, model)];
+            let sent = sent.map(|response| response.sent(together.base));
             for (number, (point, base)) in points.iter().enumerate() {
                 let mut wanted = [Response::default(); 2];
                 respond(point, std::slice::from_ref(lamp), &[0], around, &mut wanted);

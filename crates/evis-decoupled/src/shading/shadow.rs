@@ -725,20 +725,28 @@ impl Tree {
 
     /// Calls `visit` with each item that `meets`, which holds for every sphere around one for which it holds.
     pub fn within(&self, meets: impl Fn(DVec3, f64) -> bool, mut visit: impl FnMut(u32)) {
+        self.any(meets, |id| {
+            visit(id);
+            false
+        });
+    }
+
+    /// Whether any item that `meets` is `wanted`: those that follow it are left out.
+    pub fn any(&self, meets: impl Fn(DVec3, f64) -> bool, mut wanted: impl FnMut(u32) -> bool) -> bool {
         // Halves of halves: as many as a number has bits.
         let (mut stack, mut count) = ([0_u32; MOST_DEPTH], 1);
         while count > 0 {
             count -= 1;
             let index = stack[count];
-            let Some(node) = self.nodes.get(index as usize) else { return };
+            let Some(node) = self.nodes.get(index as usize) else { return false };
             if !meets(node.centre, node.radius) {
                 continue;
             }
             if node.count > 0 {
                 let from = node.start as usize;
                 for (centre, radius, id) in &self.items[from..from + node.count as usize] {
-                    if meets(*centre, *radius) {
-                        visit(*id);
+                    if meets(*centre, *radius) && wanted(*id) {
+                        return true;
                     }
                 }
             } else {
@@ -747,5 +755,6 @@ impl Tree {
                 count += 2;
             }
         }
+        false
     }
 }

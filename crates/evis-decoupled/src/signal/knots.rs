@@ -52,6 +52,11 @@ impl Knots {
         Self { stride, count: (UNITS / stride) as usize, parts }
     }
 
+    /// Those of pixels of which nothing changes.
+    pub fn resting(block: Block) -> Self {
+        Self::new(block, f64::INFINITY, &[None; PIXELS])
+    }
+
     /// Times of [`TileSignal::parts`].
     pub fn times(&self) -> usize {
         self.count * self.parts as usize

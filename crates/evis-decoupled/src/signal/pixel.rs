@@ -11,6 +11,7 @@ use crate::scene::tiles::{PIXELS, TileView};
 use crate::scene::world::World;
 use crate::shading::light::packed::RowPacker;
 use crate::shading::light::{Instant, Lighting, Part, TileLight, bits};
+use crate::shading::shadow::Beam;
 use crate::visibility::blocks::Block;
 use crate::visibility::coverage::{Moments, Regions};
 use crate::visibility::fragment::{Fragment, Sight};
@@ -141,6 +142,11 @@ impl Work {
     pub fn entry_count(&self, pixel: usize) -> usize {
         let [from, to] = self.owns[pixel];
         (to - from) as usize
+    }
+
+    /// See [`TileLight::beams`], once activities are known.
+    pub fn beams(&self) -> &[Option<Beam>] {
+        &self.light.beams
     }
 }
 

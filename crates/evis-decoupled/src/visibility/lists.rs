@@ -152,6 +152,20 @@ impl Lists {
         Ok(Self { records, rows, columns: size[0], depths, tiles: world.tiles.clone(), worst_error_px })
     }
 
+    /// Calls `visit` with the columns of those tiles of row `row` into which something that moves may come.
+    pub fn moving_columns(&self, row: usize, mut visit: impl FnMut(usize)) {
+        let moving = self.rows[row].iter().map(|index| &self.records[*index as usize]).filter(|r| !r.still);
+        for record in moving {
+            if let Some(tiles) = &self.tiles {
+                let met = tiles.row(row).iter().enumerate().filter(|(_, tile)| tile.meets(record.rect));
+                met.for_each(|(column, _)| visit(column));
+            } else {
+                let [from, to] = [record.rect[0], record.rect[2]].map(|x| tile_of(x, self.columns));
+                (from..=to).for_each(&mut visit);
+            }
+        }
+    }
+
     /// Rows of tiles.
     pub fn row_count(&self) -> usize {
         self.rows.len()

@@ -325,6 +325,9 @@ impl Decoupled {
         for [now, reported] in &mut self.reports {
             let before = std::mem::replace(reported, *now);
             report.drawn_pixels += now.evaluations - before.evaluations;
+            report.on_device += now.on_device - before.on_device;
+            report.refollowed += now.refollowed - before.refollowed;
+            report.resting += now.resting - before.resting;
             report.clamped += now.losses.clamped - before.losses.clamped;
             report.suppressed += now.losses.suppressed - before.losses.suppressed;
             report.dropped += now.losses.dropped - before.losses.dropped;

@@ -78,6 +78,12 @@ pub struct PacketReport {
     pub drawn_pixels: u64,
     /// Of decoupled sampling: tiles of 16x16 pixels whose events are rendered, all views. See [`crate::RunConfig::rendered_tiles`].
     pub rendered_tiles: u64,
+    /// Of decoupled sampling: how many of `drawn_pixels` compute passes have evaluated.
+    pub on_device: u64,
+    /// Pixels, counted in each block of time, that these could not follow and left to the processor.
+    pub refollowed: u64,
+    /// Of decoupled sampling: pixels, counted in each block of time, of tiles in which nothing changed, which cost nothing.
+    pub resting: u64,
     /// Keyframes drawn, all views; 0 for a method without them.
     pub keyframes: u64,
     /// Pixels of keyframes, margins included, brighter than the method counts: `evis-paper` clips them to 65 536 Y_ref.

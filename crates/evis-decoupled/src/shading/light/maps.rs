@@ -187,12 +187,12 @@ impl Lighting<'_> {
             proportional += sent.proportional;
         };
         for points in &rows {
-            add(0, points.of_around(&self.shared.around, model));
+            add(0, points.of_around(&self.shared.around, model).sent(points.base));
         }
         for lamp in &lights.lamps {
             let lamp = lamp.at(u, middle);
             for points in &rows {
-                add(lamp.own, points.of_lamp(&lamp, model));
+                add(lamp.own, points.of_lamp(&lamp, model).sent(points.base));
             }
         }
         let mean = |sum: Vec4| {

@@ -1,5 +1,6 @@
 //! What may throw a shadow where, and how much of a lamp's light arrives.
 
+use std::cell::LazyCell;
 use std::sync::{Arc, OnceLock};
 
 use glam::DVec3;
@@ -242,6 +243,10 @@ impl Lighting<'_> {
             if !resting {
                 slot.still = false;
             }
+            // Nothing that rests was found near it.
+            if resting && matches!(casters, Casters::Still) && tile.found.is_empty() {
+                continue;
+            }
             // A sphere about the part of the facet, at both ends.
             let ends = [0, 1].map(|end| {
                 let corners = &self.corners[surface][end];
@@ -255,9 +260,13 @@ impl Lighting<'_> {
             let beam = Beam::new(from, weight, middle, radius);
             // Where lamp and surface rest, what matters lies within flat walls.
             let cell = ends[0];
-            let hull = (resting && beam.is_some()).then(|| Hull::before(cell, from, weight));
+            let walls = (resting && beam.is_some()).then_some((cell, from, weight));
+            let hull = LazyCell::new(|| walls.map(|(cell, from, weight)| Hull::before(cell, from, weight)));
             match casters {
                 Casters::Moving => {
+                    if resting {
+                        tile.beams.push(beam);
+                    }
                     let sees_lamp = self.facing[facet as usize][0] >> number & 1 == 1;
                     let free_of_own = self.world.surfaces[surface].convex && sees_lamp;
                     let meets = |centre: DVec3, radius: f64| {
@@ -276,7 +285,7 @@ impl Lighting<'_> {
                         }
                     });
                 }
-                Casters::Still => match (&hull, &beam) {
+                Casters::Still => match (&*hull, &beam) {
                     (Some(hull), _) => tile.found.retain(|id| {
                         let f = &self.world.facets[*id as usize];
                         let corners = &self.corners[f.surface as usize][0];
@@ -289,6 +298,9 @@ impl Lighting<'_> {
                     }
                     (None, None) => self.still.all(|id| tile.found.push(id)),
                 },
+            }
+            if tile.found.is_empty() {
+                continue;
             }
             tile.found.sort_unstable();
             tile.found.dedup();
@@ -360,6 +372,14 @@ impl Lighting<'_> {
             shade.touched &= !shade.dark;
             (shade.from, shade.to) = (start, tile.occluders.len());
         }
+    }
+
+    /// Whether anything that moves during the block may throw a shadow within one of `beams`; without a beam it may.
+    pub fn is_approached(&self, beams: &[Option<Beam>]) -> bool {
+        beams.iter().any(|beam| {
+            let meets = |centre: DVec3, radius: f64| beam.is_none_or(|beam| beam.meets(centre, radius));
+            self.moving.any(meets, |surface| self.moving_facets[surface as usize].any(meets, |_| true))
+        })
     }
 
     /// Finds which facets of a rigid surface may throw a shadow of lamp `number` on a part of another one of it: where nothing

@@ -4,13 +4,15 @@
 //! block and the mean of its ends, which falls with the square of their number, and from how many times its own width a
 //! highlight or the border of a lamp's cone moves.
 
-use glam::{DMat4, DVec3};
+use glam::{DMat4, DVec3, Vec4};
 
-use super::{Lighting, MOST_OWN};
+use super::Lighting;
+use crate::fours::Four;
 use crate::scene::facets::wide;
 use crate::scene::world::{Frame, normal_under, tangent_under};
-use crate::shading::material::{self, Lamp, Point, Response, respond};
+use crate::shading::material::{self, Lamp, Point};
 use crate::shading::moments::{FacetAt, MOST_INTERVALS, Moment, cones, highlights, key};
+use crate::shading::places::LitFacet;
 
 /// Part of the light by which it may be off in the middle between moments.
 const SMOOTH: f64 = 0.005;
@@ -126,21 +128,27 @@ impl Lighting<'_> {
         let middle = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
         let places = [middle, low, high, [low[0], high[1]], [high[0], low[1]]];
         let points = places.map(|place| [0, 1, 2].map(|k| at[k].point(place)));
-        let mut bend = 0.0_f64;
+        let mut bend = 0.0_f32;
         // Light of maps is found at each evaluation.
-        for point in points.iter().filter(|_| answer.maps.is_none()) {
-            let mut light = [0.0; 3];
-            for ((light, point), at) in light.iter_mut().zip(point).zip(&at) {
-                let mut responses = [Response::default(); 1 + MOST_OWN];
-                respond(point, at.lamps, &self.own, &self.shared.around, &mut responses);
-                let of = |r: &Response| r.linear.dot(base) + r.constant;
-                *light = responses[..1 + self.own.len()].iter().map(of).sum();
+        if answer.maps.is_none() {
+            let facets = at.each_ref().map(|at| LitFacet::new(at, &self.own, middle));
+            let base = Four::splat(base);
+            let [middle, others @ ..] = places;
+            for four in [others, [middle; 4]] {
+                let light = facets.each_ref().map(|facet| {
+                    let answers = facet.responses(&four, &self.shared.around);
+                    answers.into_iter().take(1 + self.own.len()).fold(Vec4::ZERO, |sum, answer| {
+                        let sent = answer.sent(base);
+                        sum + sent.proportional + sent.constant
+                    })
+                });
+                let off = (light[1] - 0.5 * (light[0] + light[2])).abs();
+                let most = light.into_iter().fold(Vec4::splat(1e-9), Vec4::max);
+                bend = bend.max((off / most).max_element());
             }
-            let off = (light[1] - 0.5 * (light[0] + light[2])).abs();
-            bend = bend.max(off / light.into_iter().fold(1e-9, f64::max));
         }
         let lobes = highlights(&points, &at).max(cones(&points, &at));
-        let wanted = (bend / SMOOTH).sqrt().max(lobes / LOBES);
+        let wanted = (f64::from(bend) / SMOOTH).sqrt().max(lobes / LOBES);
         let most = MOST_INTERVALS.min(self.times.block.length_us() as u32).max(1);
         let wanted = wanted.clamp(1.0, f64::from(MOST_INTERVALS)).ceil() as u32;
         let intervals = wanted.next_power_of_two().min(1 << most.ilog2());
