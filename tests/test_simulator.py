@@ -325,6 +325,24 @@ def test_ctrl_c_ends_a_long_step_and_loses_nothing(device: evis.Device):
     assert "the same" in text, text
 
 
+def test_reports_say_what_a_device_has_evaluated_and_what_rested(device: evis.Device):
+    scene = evis.Scene.builtin("desk")
+    reports = []
+    for compute in ("cpu", "gpu"):
+        sim = evis.Simulator(scene, size=(48, 36), method="decoupled", compute=compute)
+        reports.append([sim.step(33_000).report for _ in range(3)])
+    own, other = reports
+    for report in own:
+        assert report.drawn_pixels > 0
+        assert (report.on_device, report.refollowed) == (0, 0)
+    for report in other:
+        assert report.drawn_pixels / 2 < report.on_device <= report.drawn_pixels
+    # The camera stands: most of the desk does not change, once it has been seen.
+    pixels = 48 * 36 * sum(1 for _ in own)
+    for all_of in reports:
+        assert pixels / 4 < sum(report.resting for report in all_of) < pixels
+
+
 def test_a_preset_and_its_settings_by_hand_or_by_file_fire_the_same(device: evis.Device, tmp_path: Path):
     scene = evis.Scene.builtin("spinner")
     standard = evis.Simulator(scene, size=(48, 36))

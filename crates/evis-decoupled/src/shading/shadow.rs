@@ -38,12 +38,11 @@ pub struct Occluder {
 
 /// Half spaces whose intersection a facet hides from a lamp, at the start, middle and end of a span: of image points h those with
 /// `normal . h >= through`.
-#[derive(Clone, Copy, Debug)]
-pub struct Walls {
-    planes: [[(DVec3, f64); 3]; 5],
-    /// The facet's corners, and where the lamp is.
-    corners: [[DVec3; 4]; 3],
-    lamp: [(DVec3, f64); 3],
+type Walls = [[(DVec3, f64); 3]; 5];
+
+/// The start, middle and end of a part of a block.
+fn times_of([from, to]: [f64; 2]) -> [f64; 3] {
+    [from, from + 0.5 * (to - from), to]
 }
 
 /// What a facet is seen as from a lamp: beyond its own plane, which comes first, and inside its edges. `None` where the lamp lies
@@ -78,25 +77,6 @@ fn on_plane(normal: DVec3, through: f64, receiver: &Line) -> Line {
         a: normal.x - through * receiver.a,
         b: normal.y - through * receiver.b,
         c: normal.z - through * receiver.c,
-    }
-}
-
-impl Walls {
-    /// Whether all of the facet lies in or beyond the receiver's plane, seen from the lamp, at every time between the three: as
-    /// neighbours on a convex surface do. It throws no shadow there.
-    fn lie_beyond(&self, receiver: &Receiver) -> bool {
-        let mut heights = [[0.0; 4]; 3];
-        let mut sides = 0.0;
-        for (k, (heights, plane)) in heights.iter_mut().zip(&receiver.planes).enumerate() {
-            // A point (x, y, 1) / q has the height q(x, y) / q - 1 over the plane of inverse depth q(x, y).
-            let (place, w) = self.lamp[k];
-            let side = (plane.dot(place) - w).signum();
-            sides += side;
-            *heights = self.corners[k].map(|corner| side * (plane.dot(corner) - 1.0));
-        }
-        let [a, b, c] = heights;
-        f64::abs(sides) == 3.0
-            && (0..4).all(|k| a[k].max(b[k]).max(c[k]) + (a[k] - 2.0 * b[k] + c[k]).abs() < TOUCHING)
     }
 }
 
@@ -150,28 +130,28 @@ impl Occluder {
         })
     }
 
-    /// Calls `of` with its walls for `lamp`, number `number` of those that are kept apart, over the part `span` of the block; with
-    /// nothing where the lamp lies in its plane at one of the three times.
-    pub fn with_walls<T>(
-        &self,
-        (number, lamp): (usize, &ScreenLamp),
-        span: [f64; 2],
-        of: impl FnOnce(Option<&Walls>) -> T,
-    ) -> T {
-        if span == [0.0, 1.0] {
-            of(self.walls[number].get_or_init(|| self.new_walls(lamp, span).map(Box::new)).as_deref())
-        } else {
-            of(self.new_walls(lamp, span).as_ref())
-        }
+    /// Its walls for `lamp` over the part `span` of the block; `None` where the lamp lies in its plane at one of the three times.
+    fn new_walls(&self, lamp: &ScreenLamp, span: [f64; 2]) -> Option<Walls> {
+        let [a, b, c] = times_of(span).map(|u| half_spaces(&self.corners(u), lamp.at(u)));
+        let (a, b, c) = (a?, b?, c?);
+        Some(std::array::from_fn(|i| [a[i], b[i], c[i]]))
     }
 
-    fn new_walls(&self, lamp: &ScreenLamp, [from, to]: [f64; 2]) -> Option<Walls> {
-        let times = [from, from + 0.5 * (to - from), to];
-        let (corners, lamp) = (times.map(|u| self.corners(u)), times.map(|u| lamp.at(u)));
-        let [Some(a), Some(b), Some(c)] = [0, 1, 2].map(|k| half_spaces(&corners[k], lamp[k])) else {
-            return None;
-        };
-        Some(Walls { planes: std::array::from_fn(|i| [a[i], b[i], c[i]]), corners, lamp })
+    /// Whether all of it lies in or beyond the receiver's plane, seen from the lamp, at every time between the three of `span`: as
+    /// neighbours on a convex surface do. It throws no shadow there.
+    fn lies_beyond(&self, lamp: &ScreenLamp, receiver: &Receiver, span: [f64; 2]) -> bool {
+        let mut heights = [[0.0; 4]; 3];
+        let mut sides = 0.0;
+        for ((heights, plane), u) in heights.iter_mut().zip(&receiver.planes).zip(times_of(span)) {
+            // A point (x, y, 1) / q has the height q(x, y) / q - 1 over the plane of inverse depth q(x, y).
+            let (place, w) = lamp.at(u);
+            let side = (plane.dot(place) - w).signum();
+            sides += side;
+            *heights = self.corners(u).map(|corner| side * (plane.dot(corner) - 1.0));
+        }
+        let [a, b, c] = heights;
+        f64::abs(sides) == 3.0
+            && (0..4).all(|k| a[k].max(b[k]).max(c[k]) + (a[k] - 2.0 * b[k] + c[k]).abs() < TOUCHING)
     }
 
     /// Where it throws the shadow of lamp `number` in the world, made by `new` when it is first needed in a block; `None` where that
@@ -186,26 +166,35 @@ impl Occluder {
 const MARGIN: f64 = 0.2;
 
 impl Occluder {
-    /// Where in a tile, whose side is the unit of `view`, a shadow with these `walls` may come on the plane of `receiver`, among the
-    /// pixels `seen`; the tile may see the receiver everywhere where that is not known. Of edges with bits in `inner` another facet's
-    /// shadow goes on beyond.
+    /// Where in a tile, whose side is the unit of `view`, its shadow from `lamp`, number `number` of those that are kept apart, may come
+    /// on the plane of `receiver` during the part `span` of the block, among the pixels `seen`; where `receiver` is not known, that
+    /// may be anywhere. Beyond edges with bits in `inner` another facet's shadow goes on.
     pub fn pixels(
-        walls: Option<&Walls>,
-        receiver: Option<&Receiver>,
+        &self,
+        (number, lamp): (usize, &ScreenLamp),
+        (receiver, span): (Option<&Receiver>, [f64; 2]),
         view: &TileView,
         (seen, inner): (u64, u8),
     ) -> Reach {
         let everywhere = Reach { touches: seen, border: seen, motion_px: TILE as f64, ..Reach::default() };
         let nowhere = Reach::default();
         let tile = TILE as f64;
-        let (Some(walls), Some(receiver)) = (walls, receiver) else { return everywhere };
-        if walls.lie_beyond(receiver) {
+        let Some(receiver) = receiver else { return everywhere };
+        if self.lies_beyond(lamp, receiver, span) {
             return nowhere;
         }
+        let of_span;
+        let walls = if span == [0.0, 1.0] {
+            self.walls[number].get_or_init(|| self.new_walls(lamp, span).map(Box::new)).as_deref()
+        } else {
+            of_span = self.new_walls(lamp, span);
+            of_span.as_ref()
+        };
+        let Some(walls) = walls else { return everywhere };
         // Most miss the tile as a whole, and most edges of the others do not cross it.
         let mut over_time = [[Line::default(); 3]; 5];
         let mut crossing = [false; 5];
-        for ((planes, at), crossing) in walls.planes.iter().zip(&mut over_time).zip(&mut crossing) {
+        for ((planes, at), crossing) in walls.iter().zip(&mut over_time).zip(&mut crossing) {
             *at = std::array::from_fn(|k| {
                 let (normal, through) = planes[k];
                 on_plane(view.line(normal), through, &receiver.lines[k])

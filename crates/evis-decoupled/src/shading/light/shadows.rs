@@ -331,9 +331,8 @@ impl Lighting<'_> {
                     Some(Receiver::new([a?, b?, c?], view))
                 });
                 let inner = self.inner_edges(id, number);
-                let found = occluder.with_walls((number, &self.screen_lamps[number]), record.u, |walls| {
-                    Occluder::pixels(walls, receiver.as_ref(), view, (slot.touches, inner))
-                });
+                let (lamp, receiver) = (&self.screen_lamps[number], (receiver.as_ref(), record.u));
+                let found = occluder.pixels((number, lamp), receiver, view, (slot.touches, inner));
                 if found.touches == 0 {
                     continue;
                 }
