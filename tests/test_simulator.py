@@ -330,17 +330,17 @@ def test_reports_say_what_a_device_has_evaluated_and_what_rested(device: evis.De
     reports = []
     for compute in ("cpu", "gpu"):
         sim = evis.Simulator(scene, size=(48, 36), method="decoupled", compute=compute)
-        reports.append([sim.step(33_000).report for _ in range(3)])
+        reports.append([sim.step(until_us).report for until_us in (50_000, 100_000, 150_000)])
     own, other = reports
     for report in own:
         assert report.drawn_pixels > 0
         assert (report.on_device, report.refollowed) == (0, 0)
     for report in other:
-        assert report.drawn_pixels / 2 < report.on_device <= report.drawn_pixels
-    # The camera stands: most of the desk does not change, once it has been seen.
-    pixels = 48 * 36 * sum(1 for _ in own)
-    for all_of in reports:
-        assert pixels / 4 < sum(report.resting for report in all_of) < pixels
+        assert 0 < report.on_device < report.drawn_pixels
+        assert report.refollowed > 0, "so small a picture has pixels that see many facets"
+    # The camera stands: of most of the desk nothing changes, whatever follows its pixels.
+    assert [report.resting for report in own] == [report.resting for report in other]
+    assert sum(report.resting for report in own) > 48 * 36
 
 
 def test_a_preset_and_its_settings_by_hand_or_by_file_fire_the_same(device: evis.Device, tmp_path: Path):
