@@ -22,7 +22,7 @@ def view(environment: int, name: str, count: int) -> evis.packets.View:
 
 def packet(*views: evis.packets.View) -> evis.Packet:
     report = evis.packets.Report(
-        sum(len(v.events) for v in views), 0, 0, 0, 10, 0, 0, 0, 0, [], 0, 0, 0, 0, 0, [], 0.0, 0.0, 0.0, 0.0
+        sum(len(v.events) for v in views), 0, 0, 0, 10, *[0] * 7, [], 0, 0, 0, 0, 0, [], 0.0, 0.0, 0.0, 0.0
     )
     return evis.Packet(0, 10_000, views, report)
 
