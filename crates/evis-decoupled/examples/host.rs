@@ -4,6 +4,8 @@
 //!
 //! CPU time of the process while it simulates, from /proc/self/stat.
 
+mod clock;
+
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -52,14 +54,6 @@ impl Device for IdleDevice {
     }
 }
 
-fn cpu_seconds() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or("").split_whitespace().collect();
-    // Fields 14 and 15, counted from the one after the name as 3: user and system time in ticks of 10 ms.
-    let ticks: f64 = fields.iter().skip(11).take(2).filter_map(|f| f.parse::<f64>().ok()).sum();
-    ticks * 0.01
-}
-
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
     let usage = "usage: host SCENE WIDTHxHEIGHT SECONDS";
@@ -74,9 +68,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let duration_us = (seconds * 1e6).round() as i64;
     // Nothing fires, so that pixels keep their first reference: they are quiet where light returns to it.
     let settings = Settings { size, duration_us, reference_luminance: Some(1.0), ..Settings::default() };
-    let before = cpu_seconds();
+    let before = clock::cpu_seconds();
     let r = simulate(&scene, &Settings { devices: Some(Arc::new(devices)), ..settings })?.report;
-    let cpu = cpu_seconds() - before;
+    let cpu = clock::cpu_seconds() - before;
     let wall = r.lists_s + r.light_s + r.pixels_s;
     let share = |s: f64| cpu / seconds * s / wall;
     let per_block = 0.032_768 / seconds;

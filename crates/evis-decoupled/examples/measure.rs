@@ -5,6 +5,8 @@
 //! With `stages`, pixels are followed as those of sensors with more stages than thresholds are. Truth is made of PIXELS pixels and kept in the folder that `EVIS_TRUTH_CACHE` names, or read from `EVIS_TRUTH_FILE`. Cost is the CPU time of the
 //! process while it simulates, all pixels, from /proc/self/stat.
 
+mod clock;
+
 use std::path::PathBuf;
 
 use evis_core::SensorConfig;
@@ -12,14 +14,6 @@ use evis_core::metric::{ScoreSettings, score};
 use evis_decoupled::{Settings, simulate};
 use evis_scene::camera_motion::{CameraMotionSettings, moved};
 use evis_truth::{PixelChoice, TruthSettings, cached, truth};
-
-fn cpu_seconds() -> f64 {
-    let text = std::fs::read_to_string("/proc/self/stat").unwrap_or_default();
-    let fields: Vec<&str> = text.rsplit(')').next().unwrap_or("").split_whitespace().collect();
-    // Fields 14 and 15, counted from the one after the name as 3: user and system time in ticks of 10 ms.
-    let ticks: f64 = fields.iter().skip(11).take(2).filter_map(|f| f.parse::<f64>().ok()).sum();
-    ticks * 0.01
-}
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut args = std::env::args().skip(1);
@@ -58,9 +52,9 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut sensor = sensor;
     sensor.refractory.period_us = u32::from(args.next().is_some_and(|word| word == "stages"));
     let settings = Settings { sensor, size, duration_us, block_us, step_px, ..Default::default() };
-    let before = cpu_seconds();
+    let before = clock::cpu_seconds();
     let out = simulate(&scene, &settings)?;
-    let cpu = cpu_seconds() - before;
+    let cpu = clock::cpu_seconds() - before;
     let seconds = duration_us as f64 * 1e-6;
     let r = &out.report;
     let wall = r.lists_s + r.light_s + r.pixels_s;

@@ -179,25 +179,18 @@ mod tests {
     use glam::{DMat4, DVec3};
 
     use super::*;
-    use crate::scene::testing::{add, solids};
+    use crate::scene::testing::{add, numbers, solids};
 
     /// Still solids on a floor before a camera that stands, two that cross the picture, or throw a shadow into it from beside it, and one
     /// that shines by itself and is elsewhere at once.
     fn crossed(seed: u32) -> Scene {
         let mut scene = solids();
-        let mut state = seed.wrapping_mul(747_796_405).wrapping_add(1);
-        let mut between = |low: f64, high: f64| {
-            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-            low + (high - low) * f64::from(state >> 8) / f64::from(1 << 24)
-        };
+        let mut next = numbers(seed.wrapping_mul(747_796_405).wrapping_add(1));
+        let mut between = |low: f64, high: f64| low + (high - low) * next();
         let mut movers = 0;
         for node in &mut scene.nodes {
             let Motion::Path(path) = &node.motion else { continue };
-            let at = |start: &Trs| Trs { ..*start };
-            let start = match &**path {
-                Path::Spin { start, .. } | Path::ConstantVelocity { start, .. } => at(start),
-                _ => continue,
-            };
+            let (Path::Spin { start, .. } | Path::ConstantVelocity { start, .. }) = **path else { continue };
             movers += usize::from(node.mesh.is_some());
             node.motion = if node.mesh.is_some() && movers <= 2 {
                 let side = if between(-1.0, 1.0) < 0.0 { -1.0 } else { 1.0 };

@@ -10,6 +10,15 @@ use evis_scene::{
 };
 use glam::{DMat4, DQuat, DVec3};
 
+/// Numbers from 0 to 1 that follow from `seed`.
+pub(crate) fn numbers(seed: u32) -> impl FnMut() -> f64 {
+    let mut state = seed;
+    move || {
+        state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+        f64::from(state >> 8) / f64::from(1 << 24)
+    }
+}
+
 /// Adds `primitive` on a node that moves so.
 pub(crate) fn add(scene: &mut Scene, primitive: Primitive, motion: Motion) {
     let mesh = Some(scene.meshes.len());

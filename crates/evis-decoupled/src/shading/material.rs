@@ -215,7 +215,8 @@ pub mod exact {
 
     use super::*;
 
-    /// Outgoing luminance as a function of base colour: `linear . base + constant`.
+    /// Outgoing luminance as a function of base colour: `linear . base + constant`. Exact for dielectrics and metals, the secant at the
+    /// surface's mean base colour for what is between.
     #[derive(Clone, Copy, Debug, Default, PartialEq)]
     pub struct Response {
         /// Per channel, luminance weights applied.
@@ -243,7 +244,7 @@ pub mod exact {
         }
     }
 
-    /// `base (1 - F)` and `F` of a mixed material, linear in base: see the module's text.
+    /// `base (1 - F)` and `F` of a mixed material, linear in base: see [`Response`].
     struct Mix {
         metallic: f64,
         mean: DVec3,

@@ -406,17 +406,9 @@ mod tests {
     use evis_scene::environment::Environment;
 
     use super::*;
+    use crate::scene::testing::numbers;
     use crate::shading::material::Point;
     use crate::shading::material::exact::{Response, respond};
-
-    /// Numbers from 0 to 1.
-    fn numbers() -> impl FnMut() -> f64 {
-        let mut state = 1_u32;
-        move || {
-            state = state.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
-            f64::from(state >> 8) / f64::from(1 << 24)
-        }
-    }
 
     fn four(of: [DVec3; 4]) -> Four {
         Four::of(of.map(|v| v.as_vec3().extend(0.0)))
@@ -424,7 +416,7 @@ mod tests {
 
     #[test]
     fn four_places_send_what_each_does_by_itself() {
-        let mut next = numbers();
+        let mut next = numbers(1);
         let environment = Some(Environment { rotation: 0.7, ..Environment::studio() });
         let ambient = [0.1, 0.2, 0.05];
         let [dark, sky] = [None, environment]

@@ -545,14 +545,6 @@ mod tests {
         (worst, places, spans)
     }
 
-    /// The same of `scene` at `speed`, and how many surfaces it has.
-    fn splits(scene: &Scene, speed: f64, block: Block) -> (f64, usize, usize, usize) {
-        let scene = scene.clone().at_speed(speed).unwrap();
-        let world = World::new(&scene, 0, Some((320, 240))).unwrap();
-        let (error, places, spans) = worst(&world, block);
-        (error, places, spans, world.surfaces.len())
-    }
-
     #[test]
     fn quadratics_stay_within_their_bound() {
         for name in ["warehouse", "spinner", "street"] {
@@ -560,7 +552,10 @@ mod tests {
             // Twenty times as fast, so that records split; most of the street goes straight.
             for (speed, length_us) in [(1.0, 8192.0), (1.0, 32_768.0), (20.0, 8192.0)] {
                 let block = Block { start_us: 40_960.0, end_us: 40_960.0 + length_us, jump: false };
-                let (error, places, spans, surfaces) = splits(&scene, speed, block);
+                let scene = scene.clone().at_speed(speed).unwrap();
+                let world = World::new(&scene, 0, Some((320, 240))).unwrap();
+                let (error, places, spans) = worst(&world, block);
+                let surfaces = world.surfaces.len();
                 assert!(error < BOUND_PX, "{name} at {speed}, {length_us} us: {error} px");
                 assert!(places > 100, "{name}: {places} places are seen");
                 // What lies beside the camera or behind it splits nothing.

@@ -164,11 +164,7 @@ impl Lighting<'_> {
     }
 
     fn find_shadowed(&self, key: &Key, number: usize) -> Shadowed {
-        let corners = |facet: u32| {
-            let f = &self.world.facets[facet as usize];
-            f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0)
-        };
-        let [p, q, _, r] = corners(key.facet);
+        let [p, q, _, r] = self.corners_of(key.facet);
         let at = |i: u32, j: u32| {
             let side = [0, 1].map(|k| 1.0 / f64::from(1_u32 << key.level[k]));
             let (s, t) = (
@@ -180,35 +176,24 @@ impl Lighting<'_> {
         let cell = [at(0, 0), at(1, 0), at(1, 1), at(0, 1)];
         let (place, weight) = self.lamps[0][self.own[number]].place();
         let before = Hull::before(cell, place, weight);
-        let mut facets = Vec::new();
-        let (mut dark, mut whole_is_dark) = (false, false);
-        let mut add = |id: u32| {
-            let space = self.dark_space(id, number);
-            if before.meets(&corners(id)) && space.meets(&cell) {
-                dark |= space.holds(&cell);
-                facets.push(id);
-            }
-        };
+        let (mut dark, mut facets) = (false, Vec::new());
         if let Some(whole) = key.coarser() {
             // Nothing else throws a shadow into a part of it.
             let whole = self.shadowed(whole, number);
-            whole_is_dark = whole.dark;
-            whole.facets.iter().copied().for_each(add);
+            (dark, facets) = (whole.dark, whole.facets.to_vec());
         } else {
-            let mut add = |id: u32| {
-                if id != key.facet && self.far[id as usize] >> number & 1 == 0 {
-                    add(id);
-                }
-            };
+            let add = |id: u32| facets.push(id);
             let middle = cell.iter().sum::<DVec3>() / 4.0;
             let radius = cell.iter().map(|c| c.distance(middle)).fold(0.0, f64::max) * 1.001 + 1e-6;
             match Beam::new(place, weight, middle, radius) {
-                Some(beam) => self.still.within(|c, r| beam.meets(c, r), &mut add),
-                None => self.still.all(&mut add),
+                Some(beam) => self.still.within(|c, r| beam.meets(c, r), add),
+                None => self.still.all(add),
             }
+            facets.retain(|id| *id != key.facet && self.far[*id as usize] >> number & 1 == 0);
             facets.sort_unstable();
         }
-        dark |= whole_is_dark;
+        facets.retain(|id| self.may_darken(*id, number, (&before, &cell)));
+        dark |= facets.iter().any(|id| self.dark_space(*id, number).holds(&cell));
         if dark {
             facets.clear();
         }
@@ -260,8 +245,8 @@ impl Lighting<'_> {
             let beam = Beam::new(from, weight, middle, radius);
             // Where lamp and surface rest, what matters lies within flat walls.
             let cell = ends[0];
-            let walls = (resting && beam.is_some()).then_some((cell, from, weight));
-            let hull = LazyCell::new(|| walls.map(|(cell, from, weight)| Hull::before(cell, from, weight)));
+            let has_walls = resting && beam.is_some();
+            let hull = LazyCell::new(|| has_walls.then(|| Hull::before(cell, from, weight)));
             match casters {
                 Casters::Moving => {
                     if resting {
@@ -286,12 +271,7 @@ impl Lighting<'_> {
                     });
                 }
                 Casters::Still => match (&*hull, &beam) {
-                    (Some(hull), _) => tile.found.retain(|id| {
-                        let f = &self.world.facets[*id as usize];
-                        let corners = &self.corners[f.surface as usize][0];
-                        hull.meets(&f.corners.map(|c| corners[c as usize].0))
-                            && self.dark_space(*id, number).meets(&cell)
-                    }),
+                    (Some(hull), _) => tile.found.retain(|id| self.may_darken(*id, number, (hull, &cell))),
                     (None, _) if resting => {}
                     (None, Some(beam)) => {
                         self.still.within(|c, r| beam.meets(c, r), |id| tile.found.push(id))
@@ -455,11 +435,20 @@ impl Lighting<'_> {
     /// What a still facet hides from lamp `number`, which is still.
     pub(super) fn dark_space(&self, facet: u32, number: usize) -> &Hull {
         self.dark_spaces[number][facet as usize].get_or_init(|| {
-            let f = &self.world.facets[facet as usize];
-            let corners = f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0);
             let (place, weight) = self.lamps[0][self.own[number]].place();
-            Box::new(Hull::beyond(corners, place, weight))
+            Box::new(Hull::beyond(self.corners_of(facet), place, weight))
         })
+    }
+
+    /// World corners of a facet at the start of the block.
+    fn corners_of(&self, facet: u32) -> [DVec3; 4] {
+        let f = &self.world.facets[facet as usize];
+        f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0)
+    }
+
+    /// Whether still facet `id` may throw a shadow of lamp `number`, which is still, on a still `cell`, which lies beyond the walls `before`.
+    fn may_darken(&self, id: u32, number: usize, (before, cell): (&Hull, &[DVec3; 4])) -> bool {
+        before.meets(&self.corners_of(id)) && self.dark_space(id, number).meets(cell)
     }
 
     /// World corners of a facet at the start, middle and end of the block.
