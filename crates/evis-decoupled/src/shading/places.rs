@@ -495,4 +495,80 @@ mod tests {
         assert!(lit > 2000 && canary > 2000, "{lit} lit, {canary} unlike their neighbours");
         assert!((Four::ONE.luminance().x - LUMINANCE.element_sum() as f32).abs() < 1e-6);
     }
+
+    #[test]
+    fn four_places_of_a_facet_respond_as_each_does_by_itself() {
+        let mut next = numbers(7);
+        let environment = Some(Environment { rotation: 0.7, ..Environment::studio() });
+        let around = Around::new(&Scene { ambient: [0.1, 0.2, 0.05], environment, ..Scene::default() });
+        let place = DVec3::new(250.0, -130.0, 75.0);
+        let lamp = |kind: LightKind, offset: DVec3, cone: Option<[f64; 2]>| Lamp {
+            kind,
+            position: place + offset,
+            direction: -offset.normalize(),
+            strength: DVec3::new(2.0, 1.5, 1.0),
+            range: Some(9.0),
+            cone,
+            casts_shadow: true,
+            moves: false,
+            waveform: None,
+        };
+        let lamps = [
+            lamp(LightKind::Point, DVec3::new(0.5, 1.5, 0.2), None),
+            lamp(LightKind::Directional, DVec3::new(0.2, 1.0, -0.4), None),
+            lamp(LightKind::Spot { inner: 0.2, outer: 0.9 }, DVec3::new(-0.8, 1.2, 0.6), Some([2.6, -1.6])),
+        ];
+        let (mut lit, mut canary) = (0, 0);
+        for k in 0..200 {
+            let mut vector = |size: f64| DVec3::new(next() - 0.5, next() - 0.5, next() - 0.5) * size;
+            let at = [DVec3::ZERO, DVec3::X, DVec3::Z].map(|offset| place + offset + vector(0.3));
+            let corners = at.map(|position| (position, (DVec3::Y + vector(1.2)).normalize()));
+            let rest = vector(1.0) + 0.5;
+            let facet = FacetAt {
+                lamps: &lamps,
+                corners,
+                tangents: Default::default(),
+                eye: Some(match k % 3 {
+                    0 => Eye::Along(DVec3::new(0.2, -0.9, 0.3).normalize()),
+                    _ => Eye::At(place + DVec3::new(0.4, 2.0, 0.5) + vector(1.0)),
+                }),
+                side: if k % 5 == 0 { -1.0 } else { 1.0 },
+                all: Point {
+                    model: if k % 4 == 0 { ShadingModel::Diffuse } else { ShadingModel::MetallicRoughness },
+                    position: DVec3::ZERO,
+                    normal: DVec3::Z,
+                    to_eye: DVec3::Z,
+                    metallic: rest.x,
+                    roughness: rest.y,
+                    occlusion: rest.z,
+                    mean_base: vector(0.8) + 0.5,
+                },
+            };
+            let places: [[f64; 2]; 4] = std::array::from_fn(|_| [next(), next()]);
+            // The lamps in another order, and one with what no shadow falls on.
+            let own = [2, 0];
+            let found =
+                LitFacet::new(&facet, &own, [0.5, 0.25]).responses(&places, &around).map(Responses::rows);
+            for (number, place) in places.into_iter().enumerate() {
+                let mut wanted = [Response::default(); 3];
+                respond(&facet.point(place), &lamps, &own, &around, &mut wanted);
+                for (found, wanted) in found.iter().zip(&wanted) {
+                    let wanted = wanted.linear.extend(wanted.constant).to_array();
+                    let size = wanted.iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+                    let off = |row: [f32; 4]| {
+                        row.iter().zip(wanted).map(|(f, w)| (f64::from(*f) - w).abs()).fold(0.0, f64::max)
+                    };
+                    let near = |number: usize| off(found[number]) <= 1e-3 * size + 1e-5;
+                    assert!(near(number), "{k}: {:?} and not {wanted:?}", found[number]);
+                    canary += usize::from(!near((number + 1) % 4));
+                    lit += usize::from(size > 0.01);
+                }
+            }
+            assert!(
+                found[3..].as_flattened().iter().all(|row| *row == [0.0; 4]),
+                "no more lamps are kept apart"
+            );
+        }
+        assert!(lit > 1000 && canary > 1000, "{lit} lit, {canary} unlike their neighbours");
+    }
 }
