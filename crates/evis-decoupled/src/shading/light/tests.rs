@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::scene::contour::area;
+use crate::visibility::blocks::Block;
 use crate::visibility::lists::Lists;
 
 /// `scene` with its solids dented: each vertex moves along its normal, those at one place as far.
@@ -42,7 +43,7 @@ fn nothing_that_darkens_is_left_out(
     let mut clock = Clock::new(&world, block);
     let lists = Lists::new(&world, &mut clock).unwrap();
     let mut lighting = Lighting::new(&world, &Shared::new(scene));
-    lighting.prepare(&mut clock, &block).unwrap();
+    lighting.prepare(&mut clock).unwrap();
     let (mut compared, mut darkened, mut off, mut canary) = (0, 0, 0, 0);
     let mut tile = TileLight::default();
     let u = 0.3;

@@ -1,80 +1,23 @@
-//! Moments between the ends of a block at which light is found, and a facet at such a moment.
-//!
-//! Light of a place of a surface is linear between two moments.
-
-use std::sync::OnceLock;
+//! How far highlights, and the borders of lamps' cones, move on a facet during a block.
 
 use evis_scene::{Eye, ShadingModel};
 use glam::DVec3;
 
-use crate::scene::world::Frame;
 use crate::shading::material::{self, Lamp, Point};
-use crate::visibility::blocks::Block;
 
-/// Most intervals of a block, a power of two.
-pub const MOST_INTERVALS: u32 = 64;
 /// Widths of a highlight that follow as finely as one of a cone's border, within which light goes from none to all.
 const CONE_LOBES: f64 = 2.0;
 /// Beyond so many of its widths a highlight is as good as dark.
 const FAR_LOBES: f64 = 4.0;
 
-/// The key of what was lit at `t_us`; `after` a jump at that time.
-pub fn key(t_us: f64, after: bool) -> u64 {
-    ((t_us * 16.0) as u64) << 1 | u64::from(after) | 1 << 63
-}
-
-/// The interval of a block that part `u` of it is in, and how far in it.
-#[inline(always)]
-pub fn interval_of(u: f64, intervals: u32) -> (u32, f64) {
-    if intervals <= 1 {
-        return (0, u);
-    }
-    let at = u * f64::from(intervals);
-    let interval = (at as u32).min(intervals - 1);
-    (interval, at - f64::from(interval))
-}
-
-/// Moments within a block, each evaluated when it is first needed.
-#[derive(Default)]
-pub struct Times {
-    /// The block.
-    pub block: Block,
-    /// At whole parts of the block, both ends left out; `None` where the scene cannot be evaluated.
-    known: Vec<OnceLock<Option<Moment>>>,
-}
-
-/// The scene and its lamps at a time.
-pub struct Moment {
-    /// The scene.
-    pub frame: Frame,
-    /// Its lamps.
-    pub lamps: Vec<Lamp>,
-}
-
-impl Times {
-    /// Those of `block`.
-    pub fn new(block: Block) -> Self {
-        Self { block, known: (1..MOST_INTERVALS).map(|_| OnceLock::new()).collect() }
-    }
-
-    /// What `evaluate` finds at part `u` of the block, a whole number of parts of [`MOST_INTERVALS`]. `None` at both ends.
-    pub fn at(&self, u: f64, evaluate: impl FnOnce(f64) -> Option<Moment>) -> Option<&Option<Moment>> {
-        let unit = (u * f64::from(MOST_INTERVALS)).round() as usize;
-        let known = self.known.get(unit.checked_sub(1)?)?;
-        Some(known.get_or_init(|| evaluate(self.block.at(u))))
-    }
-}
-
-/// A facet at a moment.
+/// A facet at a time.
 pub struct FacetAt<'a> {
     /// The scene's lamps then.
     pub lamps: &'a [Lamp],
     /// World places and normals of its corners at (s, t) = (0, 0), (1, 0) and (0, 1).
     pub corners: [(DVec3, DVec3); 3],
-    /// World tangents there, and signs of bitangents.
-    pub tangents: [(DVec3, f64); 3],
     /// From where the camera looks.
-    pub eye: Option<Eye>,
+    pub eye: Eye,
     /// 1 from its front, -1 from behind.
     pub side: f64,
     /// What is the same everywhere on it.
@@ -89,7 +32,7 @@ impl FacetAt<'_> {
         Point {
             position,
             normal: blend(self.corners.map(|c| c.1)).normalize_or(DVec3::Z) * self.side,
-            to_eye: self.eye.map_or(DVec3::Z, |eye| (-eye.toward(position)).normalize_or(DVec3::Z)),
+            to_eye: (-self.eye.toward(position)).normalize_or(DVec3::Z),
             ..self.all
         }
     }
