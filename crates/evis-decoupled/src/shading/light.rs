@@ -30,7 +30,7 @@ use crate::shading::bounds::Bounds;
 use crate::shading::cache::Cache;
 use crate::shading::light::patches::Patch;
 use crate::shading::material::{self, Around, Lamp};
-use crate::shading::patch::NODES;
+use crate::shading::patch::{NODES, STEPS};
 use crate::shading::places::{FacetOverTime, LightsOverTime, LitFacet, MappedFacet};
 use crate::shading::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
 use crate::visibility::blocks::Clock;
@@ -273,7 +273,7 @@ struct Slot {
     count: [u32; 2],
     /// Its light, where a polynomial tells it; of maps, and of what is unlit, there is none.
     patch: Option<Patch>,
-    /// Widths of highlights that go by during the block; 0 where a patch tells light.
+    /// Widths of highlights that go by during the block.
     lobes: f64,
     /// Lamps of which some arrives.
     lit: u8,
@@ -543,15 +543,16 @@ impl<'a> Lighting<'a> {
         }
         let (side, changes) = (if front { 1.0 } else { -1.0 }, self.changes(surface));
         slot.still &= !changes;
-        if answer.maps.is_some() {
-            // A normal map may face any lamp.
+        (slot.range, slot.level) = ([low, high], level);
+        let at = STEPS.map(|u| self.lit_facet((record.facet, side), u, slot.middle()));
+        let lobes = self.lobes_of(record.facet, &at, slot.range);
+        slot.lobes = if changes { lobes.moved } else { 0.0 };
+        if answer.maps.is_some() || !record.one_side {
+            // A normal map may face any lamp, and a facet that shows both its sides does.
             slot.lit = ((1_u16 << self.own.len()) - 1) as u8;
         } else {
             (slot.patch, slot.lit) =
-                self.find_patch(&mut tile.nodes, (record.facet, side), [low, high], changes);
-        }
-        if changes && slot.patch.is_none() {
-            slot.lobes = self.lobes_of(record.facet, [low, high], side);
+                self.find_patch(&mut tile.nodes, ((record.facet, side), &at), slot.range, (changes, lobes));
         }
         for (number, &lamp) in self.own.iter().enumerate() {
             if slot.lit >> number & 1 == 1 {
@@ -560,7 +561,6 @@ impl<'a> Lighting<'a> {
                 slot.sine_hz = slot.sine_hz.max(sine_hz(waveform));
             }
         }
-        (slot.range, slot.level) = ([low, high], level);
         slot.shaded = slot.lit == 0;
         if !slot.shaded && !self.moving.is_empty() {
             self.find_occluders(tile, &mut slot, record, index, Casters::Moving);

@@ -313,6 +313,17 @@ impl LitFacet {
         Points { from_middle, normal, to_eye: to_eye.normalize_or(up), ..self.all }
     }
 
+    /// How many lamps there are.
+    pub fn lamp_count(&self) -> usize {
+        self.lamps.len()
+    }
+
+    /// Half vectors of lamp number `lamp` less normals: its highlight is brightest where that is 0.
+    pub fn from_highlight(&self, points: &Points, lamp: usize) -> Four {
+        let to_light = self.lamps[lamp].incident(points.from_middle).0;
+        (points.to_eye + to_light).normalize_or(points.normal) - points.normal
+    }
+
     /// How they respond to everything but the lamps that are kept apart (0), or to one of these (its number plus 1) if nothing is in
     /// between.
     #[inline(always)]
@@ -441,7 +452,6 @@ mod tests {
 
     use super::*;
     use crate::scene::testing::numbers;
-    use crate::shading::lobes::FacetAt;
     use crate::shading::material::exact::{Response, respond};
 
     fn four(of: [DVec3; 4]) -> Four {
@@ -530,6 +540,28 @@ mod tests {
         assert!((Four::ONE.luminance().x - LUMINANCE.element_sum() as f32).abs() < 1e-6);
     }
 
+    /// A facet at a time.
+    struct Facet {
+        /// World places and normals of its corners at (s, t) = (0, 0), (1, 0) and (0, 1).
+        corners: [(DVec3, DVec3); 3],
+        eye: Eye,
+        side: f64,
+        all: Point,
+    }
+
+    impl Facet {
+        fn point(&self, [s, t]: [f64; 2]) -> Point {
+            let blend = |[a, b, d]: [DVec3; 3]| a + (b - a) * s + (d - a) * t;
+            let position = blend(self.corners.map(|c| c.0));
+            Point {
+                position,
+                normal: blend(self.corners.map(|c| c.1)).normalize() * self.side,
+                to_eye: -self.eye.toward(position).normalize(),
+                ..self.all
+            }
+        }
+    }
+
     #[test]
     fn four_places_of_a_facet_respond_as_each_does_by_itself() {
         let mut next = numbers(7);
@@ -558,8 +590,7 @@ mod tests {
             let at = [DVec3::ZERO, DVec3::X, DVec3::Z].map(|offset| place + offset + vector(0.3));
             let corners = at.map(|position| (position, (DVec3::Y + vector(1.2)).normalize()));
             let rest = vector(1.0) + 0.5;
-            let facet = FacetAt {
-                lamps: &lamps,
+            let facet = Facet {
                 corners,
                 eye: match k % 3 {
                     0 => Eye::Along(DVec3::new(0.2, -0.9, 0.3).normalize()),

@@ -1,11 +1,11 @@
 //! Light of entries without shadows: a polynomial over the part of a facet that a tile sees, or places of each part of a pixel.
 
-use evis_scene::Eye;
+use evis_scene::{Eye, ShadingModel};
 use glam::{DVec3, Vec4};
 
 use super::{GAUSS, Instant, Lighting, MOST_OWN, Part, Slot, TileLight};
 use crate::fours::Four;
-use crate::shading::lobes::{FacetAt, cones, highlights};
+use crate::shading::lobes::{Lobes, cones, highlights};
 use crate::shading::material::Point;
 use crate::shading::patch::{NODES, STEPS, nodes_at, value, weights, weights_at};
 use crate::shading::places::{
@@ -14,6 +14,8 @@ use crate::shading::places::{
 
 /// Part of the light by which a polynomial may be off between its nodes.
 const SMOOTH: f32 = 0.0015;
+/// Widths of highlights that may go by or lie on a part of a facet: of more, nodes and what they are compared with may see none.
+const MOST_LOBES: f64 = 2.0;
 /// Part of its size by which a patch goes beyond the part of a facet that is seen at the start, middle and end of a block.
 const BEYOND: f64 = 0.125;
 /// Where between nodes a patch is compared with light itself, as parts of its sides.
@@ -96,35 +98,43 @@ impl Lighting<'_> {
         }
     }
 
-    /// How many widths of highlights, or of what bends light as much, go by during the block on a facet whose light changes, within a
-    /// range of (s, t).
-    pub(super) fn lobes_of(&self, facet: u32, [low, high]: [[f64; 2]; 2], side: f64) -> f64 {
+    /// A facet at part `u` of the block, seen from (s, t) = `middle`; from its front, where `side` is 1, or from behind (-1).
+    pub(super) fn lit_facet(&self, (facet, side): (u32, f64), u: f64, middle: [f64; 2]) -> LitFacet {
         let all = self.matter(self.world.facets[facet as usize].surface as usize);
-        let at = [0, 1, 2].map(|time| FacetAt {
-            lamps: &self.lamps[time],
-            corners: self.corners_at(facet, time),
-            eye: self.eyes[time],
-            side,
-            all,
-        });
+        LitFacet::new((self.facet_over_time(facet), &all, side), &self.lights_over_time, u, middle)
+    }
+
+    /// Highlights, and borders of lamps' cones, within a range of (s, t) of a facet, which `at` is at the start, middle and end of the
+    /// block.
+    pub(super) fn lobes_of(&self, facet: u32, at: &[LitFacet; 3], [low, high]: [[f64; 2]; 2]) -> Lobes {
+        let all = self.matter(self.world.facets[facet as usize].surface as usize);
         let middle = [0, 1].map(|k| 0.5 * (low[k] + high[k]));
-        let places = [middle, low, high, [low[0], high[1]], [high[0], low[1]]];
-        let points = places.map(|place| [0, 1, 2].map(|k| at[k].point(place)));
-        highlights(&points, &at).max(cones(&points, &at))
+        let corners = [low, [high[0], low[1]], high, [low[0], high[1]]];
+        let mut lobes = Lobes::default();
+        if all.model == ShadingModel::MetallicRoughness {
+            let points = [corners, [middle; 4]].map(|four| at.each_ref().map(|at| at.points(&four)));
+            lobes = highlights(&all, at, &points);
+        }
+        if self.lamps[0].iter().any(|lamp| lamp.cone.is_some()) {
+            let [a, b, c, d] = corners;
+            let at = [0, 1, 2].map(|time| self.corners_at(facet, time).map(|corner| corner.0));
+            let place = |[s, t]: [f64; 2]| at.map(|[a, b, d]| a + (b - a) * s + (d - a) * t);
+            lobes = lobes.max(cones(&[middle, a, b, c, d].map(place), &self.lamps));
+        }
+        lobes
     }
 
     /// Finds light of a facet without maps within a range of (s, t), which `changes` during the block or does not: a patch, whose nodes
-    /// are appended to `nodes`, unless that would be off; and bits of the lamps of which some arrives.
+    /// are appended to `nodes`, unless that would be off, or `lobes` say that it may be; and bits of the lamps of which some arrives.
     pub(super) fn find_patch(
         &self,
         nodes: &mut Vec<[Vec4; NODES]>,
-        (facet, side): (u32, f64),
+        ((facet, side), at): ((u32, f64), &[LitFacet; 3]),
         [low, high]: [[f64; 2]; 2],
-        changes: bool,
+        (changes, lobes): (bool, Lobes),
     ) -> (Option<Patch>, u8) {
         let lamps = 1 + self.own.len();
-        let all = self.matter(self.world.facets[facet as usize].surface as usize);
-        let over_time = self.facet_over_time(facet);
+        let mean_base = self.answers[self.world.facets[facet as usize].surface as usize].mean_base;
         let (mut from, mut size) = ([0.0; 2], [0.0; 2]);
         for k in 0..2 {
             let beyond = BEYOND * (high[k] - low[k]).max(1e-6);
@@ -132,13 +142,13 @@ impl Lighting<'_> {
             size[k] = (high[k] + beyond).min(1.0) - from[k];
         }
         let place = |part: [f64; 2]| [0, 1].map(|k| from[k] + part[k] * size[k]);
-        let base = Four::splat(all.mean_base.max(DVec3::splat(0.05)));
+        let base = Four::splat(mean_base.max(DVec3::splat(0.05)));
         // Luminance of all light together.
         let sum = |answers: &[Responses]| {
             let sent = answers.iter().map(|answer| answer.sent(base));
             sent.fold(Vec4::ZERO, |sum, sent| sum + (sent.proportional + sent.constant))
         };
-        let (mut lit, mut is_smooth) = (0_u8, true);
+        let (mut lit, mut is_smooth) = (0_u8, lobes.moved.max(lobes.spread) <= MOST_LOBES);
         let mut shade = |facet: &LitFacet, places: &[[f64; 2]; 4]| {
             self.shaded.fetch_add(4, std::sync::atomic::Ordering::Relaxed);
             let points = facet.points(places);
@@ -152,7 +162,7 @@ impl Lighting<'_> {
             answers
         };
         let first = nodes.len();
-        let times = if changes { &STEPS[..] } else { &STEPS[..1] };
+        let times = if changes { &at[..] } else { &at[..1] };
         nodes.resize(first + lamps * times.len(), [Vec4::ZERO; NODES]);
         // Luminance at nodes.
         let mut light = [[0.0_f32; NODES]; 3];
@@ -165,11 +175,10 @@ impl Lighting<'_> {
             let weights = weights_at([x as f32, y as f32]);
             light.iter().zip(weights).map(|(light, weight)| light * weight).sum()
         };
-        for (time, &u) in times.iter().enumerate() {
-            let facet = LitFacet::new((over_time, &all, side), &self.lights_over_time, u, place([0.5; 2]));
+        for (time, facet) in times.iter().enumerate() {
             let mut found = [0.0; 12];
             for (four, places) in grid.chunks_exact(4).enumerate() {
-                let answers = shade(&facet, &std::array::from_fn(|k| place(places[k])));
+                let answers = shade(facet, &std::array::from_fn(|k| place(places[k])));
                 sum(&answers[..lamps]).write_to_slice(&mut found[4 * four..][..4]);
                 for (lamp, answer) in answers.iter().enumerate().take(lamps) {
                     for (k, row) in answer.rows().into_iter().enumerate() {
@@ -184,8 +193,7 @@ impl Lighting<'_> {
             is_smooth &= checks.all(|(at, found)| near(*found, value_of(&light[time], *at)));
         }
         if changes && is_smooth {
-            let facet =
-                LitFacet::new((over_time, &all, side), &self.lights_over_time, LATER, place([0.5; 2]));
+            let facet = self.lit_facet((facet, side), LATER, place([0.5; 2]));
             let answers = shade(&facet, &LATER_CHECKS.map(place));
             let by_time = weights(LATER as f32);
             let light = std::array::from_fn(|k| (0..3).map(|time| by_time[time] * light[time][k]).sum());
@@ -222,11 +230,8 @@ impl Lighting<'_> {
             return Answers::Smooth(first, weights_at(within));
         }
         let number = self.enter_moment(tile, part.slot, at, |tile| {
-            let (facet, u) = (part.sight.facet, at.u);
             let side = if part.sight.front { 1.0 } else { -1.0 };
-            let all = self.matter(self.world.facets[facet as usize].surface as usize);
-            let of = (self.facet_over_time(facet), &all, side);
-            tile.facets.push(LitFacet::new(of, &self.lights_over_time, u, slot.middle()));
+            tile.facets.push(self.lit_facet((part.sight.facet, side), at.u, slot.middle()));
             tile.facets.len() - 1
         });
         let (centre, axes) = part.moments.footprint();
@@ -285,7 +290,7 @@ impl Lighting<'_> {
 
 impl Slot {
     /// The middle of the part of the facet that the tile sees, in (s, t).
-    fn middle(&self) -> [f64; 2] {
+    pub(super) fn middle(&self) -> [f64; 2] {
         let [low, high] = self.range;
         [0, 1].map(|k| 0.5 * (low[k] + high[k]))
     }
