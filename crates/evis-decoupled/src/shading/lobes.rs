@@ -62,7 +62,7 @@ pub fn highlights(all: &Point, at: &[LitFacet; 3], points: &[[Points; 3]; 2]) ->
 /// block, and `lamps` are those then.
 pub fn cones(places: &[[DVec3; 3]; 5], lamps: &[Vec<Lamp>; 3]) -> Lobes {
     let mut most = Lobes::default();
-    for lamp in 0..lamps[0].len() {
+    for (lamp, _) in lamps[0].iter().enumerate().filter(|(_, lamp)| lamp.cone.is_some()) {
         let of = |places: &[DVec3; 3]| {
             let place = |time: usize| material::from_cone(places[time], &lamps[time][lamp]);
             Some([place(0)?, place(1)?, place(2)?])

@@ -7,6 +7,20 @@ pub const NODES: usize = 9;
 /// Where they are, as parts of a side.
 pub const STEPS: [f64; 3] = [0.0, 0.5, 1.0];
 
+/// Light of a part of a facet during a block.
+#[derive(Clone, Copy, Debug)]
+pub struct Patch {
+    /// Its first (s, t).
+    pub low: [f64; 2],
+    /// 1 / its size along s and t.
+    pub inverse: [f64; 2],
+    /// Number of the first of its nodes: for what no shadow falls on and for each lamp that is kept apart those of a moment, or of the
+    /// start, middle and end of the block.
+    pub first: usize,
+    /// How many of these.
+    pub times: usize,
+}
+
 /// By how much values at [`STEPS`] count at `x`.
 #[inline(always)]
 pub fn weights(x: f32) -> [f32; 3] {

@@ -7,7 +7,7 @@ use super::{GAUSS, Instant, Lighting, MOST_OWN, Part, Slot, TileLight};
 use crate::fours::Four;
 use crate::shading::lobes::{Lobes, cones, highlights};
 use crate::shading::material::Point;
-use crate::shading::patch::{NODES, STEPS, nodes_at, value, weights, weights_at};
+use crate::shading::patch::{NODES, Patch, STEPS, nodes_at, value, weights, weights_at};
 use crate::shading::places::{
     FacetOverTime, LampOverTime, LightsOverTime, LitFacet, OverTime, Points, Responses,
 };
@@ -24,18 +24,6 @@ const CHECKS: [[f64; 2]; 3] = [[0.25, 0.25], [0.75, 0.35], [0.4, 0.75]];
 const LATER_CHECKS: [[f64; 2]; 4] = [[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]];
 /// See there.
 const LATER: f64 = 0.25;
-
-/// Light of a part of a facet as polynomials, see [`crate::shading::patch`].
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Patch {
-    /// Its first (s, t), and 1 / its size.
-    low: [f64; 2],
-    inverse: [f64; 2],
-    /// First of its nodes in [`TileLight::nodes`]: for what no shadow falls on and for each lamp that is kept apart those of a moment,
-    /// or of the start, middle and end of the block.
-    pub first: usize,
-    pub times: usize,
-}
 
 /// How a part of an entry responds to light.
 #[expect(clippy::large_enum_variant, reason = "there is one at a time, for an evaluation")]
