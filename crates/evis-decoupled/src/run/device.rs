@@ -221,7 +221,8 @@ impl Loaded {
                 }
                 block.jobs.push(job);
             }
-            block.add_row(own.row);
+            let patches: Vec<u32> = own.row.patches.iter().map(|kept| self.keep(kept, block)).collect();
+            block.add_row(own.row, &patches);
             count += 1;
         }
         count
@@ -230,7 +231,7 @@ impl Loaded {
     /// Rows that must go up before a row of tiles is followed.
     fn missing(&self, own: &ViewRow) -> usize {
         let sky = self.sky.as_ref().map(|sky| &sky.rows);
-        let parts = [own.looks].into_iter().chain(sky);
+        let parts = own.row.patches.iter().chain([own.looks]).chain(sky);
         parts.filter(|kept| !self.kept.contains_key(&place_of(kept))).map(|kept| kept.len()).sum()
     }
 

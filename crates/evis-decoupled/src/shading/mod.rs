@@ -3,8 +3,7 @@
 pub mod bounds;
 pub mod cache;
 pub mod light;
-pub mod lobes;
 pub mod material;
-pub mod patch;
+pub mod moments;
 pub mod places;
 pub mod shadow;

@@ -86,7 +86,6 @@ shaders![
     "decoupled/texture.wgsl",
     "decoupled/shadows.wgsl",
     "decoupled/sky.wgsl",
-    "decoupled/lit.wgsl",
     "decoupled/maps.wgsl",
     "decoupled/light.wgsl",
     "decoupled/knots.wgsl",
