@@ -78,13 +78,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let resting = 100.0 * r.resting as f64 / r.pixel_blocks.max(1) as f64;
     println!(
         "{name} {w}x{h}: {:.2} core-seconds per simulated second (lists {:.2}, light {:.2}, tiles {:.2}); {:.0} pixels per block, MB of \
-         entries, words, points, pixels and what is kept: {megabytes:.1?}, {:.0} nodes shaded; {resting:.1} % of pixels' blocks rest",
+         entries, words, points, pixels and what is kept: {megabytes:.1?}, {:.0} places shaded; {resting:.1} % of pixels' blocks rest",
         cpu / seconds,
         share(r.lists_s),
         share(r.light_s),
         share(r.pixels_s),
         given.pixels.load(Ordering::Relaxed) as f64 * per_block,
-        r.cells as f64 * per_block,
+        r.places as f64 * per_block,
     );
     Ok(())
 }

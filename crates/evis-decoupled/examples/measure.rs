@@ -88,7 +88,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         "{:.1} % of pixels' blocks are quiet by bounds",
         100.0 * r.quiet as f64 / r.pixel_blocks.max(1) as f64
     );
-    println!("cells shaded per second: {:.0}", r.cells as f64 / seconds);
+    println!("places shaded before evaluations, per second: {:.0}", r.places as f64 / seconds);
     let score = score(&out.events, &truth, &ScoreSettings::default())?;
     println!("{score}");
     if let Some(at) = score.at(1000) {

@@ -3,7 +3,6 @@
 //! Indices of a row of tiles count from where that row's own arrays begin, so that rows are packed in parallel and joined by
 //! copies. What stays from block to block, or is part of several rows, is kept by the device and goes up once ([`Kept`]).
 
-use std::ops::Range;
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
@@ -29,10 +28,12 @@ pub const CROSSES_NEAR: u32 = 4;
 pub const CROSSES_FAR: u32 = 8;
 /// [`Entry::flags`]: it sends its base colour.
 pub const UNLIT: u32 = 16;
-/// [`Entry::flags`]: it has maps; then [`Entry::patches`] is the first of [`MAPPED_ROWS`] rows of [`Row::points`].
+/// [`Entry::flags`]: it has maps; then [`Entry::light`] is the first of [`MAPPED_ROWS`] rows of [`Row::points`].
 pub const HAS_MAPS: u32 = 32;
 /// [`Entry::flags`]: what a surface with maps sends itself changes.
 pub const GLOWS_APART: u32 = 64;
+/// [`Entry::flags`]: no polynomial tells its light, which is found at several places of each part of a pixel.
+pub const SHARP: u32 = 128;
 /// [`Pixel::flags`]: there is light before the last.
 pub const HAS_BEFORE: u32 = 1;
 /// [`Pixel::flags`]: it was not followed through the block before.
@@ -123,20 +124,10 @@ pub struct Entry {
     pub facet: u32,
     /// [`DOUBLE_SIDED`] and what follows it.
     pub flags: u32,
-    /// Zero.
-    pub pad: u32,
+    /// First of [`GEOMETRY_ROWS`] rows of [`Row::points`]; of what is unlit 0.
+    pub light: u32,
     /// Part of the block in which it holds.
     pub span: [f32; 2],
-    /// Cells of its grid along s and t.
-    pub cells: [f32; 2],
-    /// First cell that is kept.
-    pub first: [f32; 2],
-    /// How many are.
-    pub count: [u32; 2],
-    /// First word of where its patches begin, moment by moment.
-    pub patches: u32,
-    /// Intervals between moments; 0 where light does not change.
-    pub intervals: u32,
     /// Bits of lamps of which some arrives.
     pub lit: u32,
     /// First of [`SHADE_WORDS`] words per lamp.
@@ -153,20 +144,21 @@ pub const SHADE_WORDS: usize = 6;
 pub const CASTER_WORDS: usize = 3;
 
 /// Rows of a facet's appearance: base colour, and its texture's number plus 1; change of base colour along s and along t, with the
-/// texture's origin; change of texture coordinates.
-pub const LOOK_ROWS: usize = 4;
+/// texture's origin; change of texture coordinates; metallic, roughness, occlusion, and 0 of what has no highlights.
+pub const LOOK_ROWS: usize = 5;
 
-/// Rows of a facet with maps: by power of the block's time its world positions at (s, t) = (0, 0), (1, 0) and (0, 1), normals and
-/// tangents, with the sign of the bitangent last in those of the first power; then [`MAPS`] times a map's texture plus 1 and
-/// its origin in texels, and their change with s and t; metallic, roughness, scale of normals and strength of occlusion;
-/// emitted luminance per channel, and 0 of what has no highlights; the first row of its lights, and how many lamps.
-pub const MAPPED_ROWS: usize = GEOMETRY_ROWS * 3 + 2 * MAPS + 3;
+/// Rows of a facet that is lit: by power of the block's time its world positions at (s, t) = (0, 0), (1, 0) and (0, 1), and normals.
+pub const GEOMETRY_ROWS: usize = 18;
+/// Rows of a facet with maps: those of its geometry; tangents by power of time, with the sign of the bitangent last in those of the
+/// first power; then [`MAPS`] times a map's texture plus 1 and its origin in texels, and their change with s and t; metallic,
+/// roughness, scale of normals and strength of occlusion; emitted luminance per channel, and 0 of what has no highlights.
+pub const MAPPED_ROWS: usize = GEOMETRY_ROWS + TANGENT_ROWS + 2 * MAPS + 2;
 /// See there.
-pub const GEOMETRY_ROWS: usize = 9;
+pub const TANGENT_ROWS: usize = 9;
 /// Maps of a facet: base colour, normals, metallic and roughness, occlusion, emission.
 pub const MAPS: usize = 5;
-/// Rows of lights before the first lamp: by power of the block's time where the eye is, and last in the first of them 1 where that
-/// is the direction of parallel rays.
+/// Rows of lights, which are the first of a row's points, before the first lamp: by power of the block's time where the eye is; last
+/// in the first of them 1 where that is the direction of parallel rays, and in the second how many lamps there are, as a word.
 pub const EYE_ROWS: usize = 3;
 /// Rows of a lamp: place (last: 1 if it has one), direction (last: its range, or 0) and strength (last: its number among those
 /// whose light is kept apart, plus 1, or 0), each by power of time; scale and shift of its cone, and 1 if it has one.
@@ -224,8 +216,7 @@ pub struct Event {
     pub word: u32,
 }
 
-/// Rows that a device keeps, known by where they are: of patches, how many intervals there are along a side, then nodes, row by
-/// row, at each the response to unshadowed light and to each lamp; of a view, [`LOOK_ROWS`] per facet.
+/// Rows that a device keeps, known by where they are: of a view, [`LOOK_ROWS`] per facet; of the sky, see [`Sky`].
 pub type Kept = Arc<[[f32; 4]]>;
 
 /// What `kept` is known by, as long as it is there.
@@ -240,12 +231,9 @@ pub struct Row {
     pub entries: Vec<Entry>,
     /// Lists of numbers.
     pub words: Vec<u32>,
-    /// Image points about the picture's centre as quadratics of time: nine rows each, by power and axis, of four corners.
+    /// Lights; image points about the picture's centre as quadratics of time, nine rows each, by power and axis, of four corners; and
+    /// geometry of facets that are lit.
     pub points: Vec<[f32; 4]>,
-    /// Patches, each once.
-    pub patches: Vec<Kept>,
-    /// Ranges of `words` that are numbers of `patches`.
-    pub patch_words: Vec<Range<usize>>,
     /// Pixels to follow.
     pub pixels: Vec<Pixel>,
     /// Numbers of light that are wanted of them.
@@ -253,7 +241,7 @@ pub struct Row {
 }
 
 impl Row {
-    /// Bytes of each of its arrays, without patches.
+    /// Bytes of each of its arrays.
     pub fn bytes(&self) -> [usize; 4] {
         bytes_of((&self.entries, &self.words, &self.points), (&self.pixels, self.light))
     }
@@ -335,8 +323,8 @@ impl Block {
         (self.kept_from, self.light, self.light_stays) = (kept_from, 0, light_stays);
     }
 
-    /// Adds a row of the last of its views, whose patches are kept at the rows `patches` and after them.
-    pub fn add_row(&mut self, row: &Row, patches: &[u32]) {
+    /// Adds a row of the last of its views.
+    pub fn add_row(&mut self, row: &Row) {
         let bases = self.words.len();
         let first = bases + BASE_WORDS;
         let job = self.jobs.len().saturating_sub(1);
@@ -344,11 +332,6 @@ impl Block {
         self.words.extend(own.map(|at| at as u32));
         self.entries.extend_from_slice(&row.entries);
         self.words.extend_from_slice(&row.words);
-        for range in &row.patch_words {
-            for word in &mut self.words[first..][range.clone()] {
-                *word = patches[*word as usize];
-            }
-        }
         self.points.extend_from_slice(&row.points);
         let of = |pixel: &Pixel| Pixel { bases: bases as u32, ..*pixel };
         self.pixels.extend(row.pixels.iter().map(of));
@@ -399,20 +382,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rows_are_joined_and_their_patches_are_where_they_are_kept() {
+    fn rows_are_joined_and_pixels_know_where_their_own_begin() {
         let row = |words: &[u32], points: usize| Row {
             words: words.to_vec(),
             points: vec![[0.0; 4]; points],
-            patch_words: std::iter::once(1..3).collect(),
             pixels: vec![Pixel::default(); 2],
             light: 3,
             ..Row::default()
         };
         let mut block = Block { jobs: vec![Job::default()], ..Block::default() };
-        block.add_row(&row(&[7, 1, 0, 9], 3), &[100, 200]);
+        block.add_row(&row(&[7, 1, 0, 9], 3));
         block.jobs.push(Job::default());
-        block.add_row(&row(&[8, 0, 0], 1), &[300]);
-        assert_eq!(block.words, [0, 5, 0, 0, 0, 7, 200, 100, 9, 0, 14, 3, 1, 3, 8, 300, 300]);
+        block.add_row(&row(&[8, 0, 0], 1));
+        assert_eq!(block.words, [0, 5, 0, 0, 0, 7, 1, 0, 9, 0, 14, 3, 1, 3, 8, 0, 0]);
         assert_eq!(block.pixels.iter().map(|pixel| pixel.bases).collect::<Vec<_>>(), [0, 0, 9, 9]);
         assert_eq!(block.light, 6);
     }

@@ -221,8 +221,7 @@ impl Loaded {
                 }
                 block.jobs.push(job);
             }
-            let patches: Vec<u32> = own.row.patches.iter().map(|kept| self.keep(kept, block)).collect();
-            block.add_row(own.row, &patches);
+            block.add_row(own.row);
             count += 1;
         }
         count
@@ -231,7 +230,7 @@ impl Loaded {
     /// Rows that must go up before a row of tiles is followed.
     fn missing(&self, own: &ViewRow) -> usize {
         let sky = self.sky.as_ref().map(|sky| &sky.rows);
-        let parts = own.row.patches.iter().chain([own.looks]).chain(sky);
+        let parts = [own.looks].into_iter().chain(sky);
         parts.filter(|kept| !self.kept.contains_key(&place_of(kept))).map(|kept| kept.len()).sum()
     }
 

@@ -183,7 +183,7 @@ impl<'t> Turn<'t, '_> {
         let lists = Lists::new(world, &mut clock)?;
         pixels.report.lists_s += started.elapsed().as_secs_f64();
         let started = Instant::now();
-        lighting.prepare(&mut clock, block)?;
+        lighting.prepare(&mut clock)?;
         pixels.report.light_s += started.elapsed().as_secs_f64();
         Ok(lists)
     }
@@ -416,7 +416,7 @@ impl Pixels {
             report.on_device += row.on_device;
             report.losses.add(row.losses);
         }
-        report.cells = lighting.shaded.load(Ordering::Relaxed);
+        report.places = lighting.shaded.load(Ordering::Relaxed);
         report
     }
 }

@@ -211,6 +211,7 @@ impl Row {
         if let Some(packs) = packs {
             let times_s = times_of(evaluator.world, evaluator.block);
             self.packer.begin(centre_of(evaluator.world), times_s, packs.maps);
+            evaluator.lighting.pack_lights(&mut self.packer);
         }
         let columns = evaluator.lists.columns;
         if packs.is_some_and(|packs| packs.stays) {

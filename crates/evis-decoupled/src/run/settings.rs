@@ -123,8 +123,8 @@ pub struct Report {
     pub refollowed: u64,
     /// Evaluations of a pixel that one facet covers.
     pub plain: u64,
-    /// Cells shaded.
-    pub cells: u64,
+    /// Places of surfaces shaded before evaluations.
+    pub places: u64,
     /// What the sensor lost.
     pub losses: Losses,
 }

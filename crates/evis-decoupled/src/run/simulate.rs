@@ -125,7 +125,7 @@ pub(crate) fn picture(
 ) -> Result<Vec<f64>, Error> {
     let mut clock = Clock::new(world, block);
     let lists = Lists::new(world, &mut clock)?;
-    lighting.prepare(&mut clock, &block)?;
+    lighting.prepare(&mut clock)?;
     let evaluator = Evaluator { world, lists: &lists, lighting, block };
     let part = (t_us - block.start_us) / block.length_us();
     let unit = (part.clamp(0.0, 1.0) * f64::from(UNITS)).round() as u32;

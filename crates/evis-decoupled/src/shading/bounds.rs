@@ -1,9 +1,9 @@
 //! Between which luminances the light of a facet stays during a block.
 //!
-//! A facet sends `linear * base + constant`, of the lamps that reach it, interpolated between the nodes of its cells: that lies
-//! between the least and the most that nodes and base colours allow.
+//! A facet sends `linear * base + constant`, of the lamps that reach it: that lies between the least and the most that these and base
+//! colours allow.
 
-use glam::DVec3;
+use glam::{DVec3, Vec4};
 
 /// Light of a facet in a tile throughout a block, where no shadow falls: least and most.
 #[derive(Clone, Copy, Debug)]
@@ -14,20 +14,8 @@ pub struct Bounds<const LAMPS: usize> {
     pub own: [[f64; 2]; LAMPS],
 }
 
-/// Least and greatest values of `nodes`, of which each has as many as there are `lamps`.
-pub fn ranges(nodes: &[[f32; 4]], lamps: usize) -> Box<[[[f32; 4]; 2]]> {
-    let of = |lamp: usize| {
-        let values = || nodes.iter().skip(lamp).step_by(lamps);
-        let fold = |of: fn(f32, f32) -> f32| {
-            std::array::from_fn(|k| values().map(|v| v[k]).reduce(of).unwrap_or_default())
-        };
-        [fold(f32::min), fold(f32::max)]
-    };
-    (0..lamps).map(of).collect()
-}
-
-/// Least and greatest `linear * base + constant` of a node between two, and base colours between two.
-pub fn luminances([low, high]: [[f32; 4]; 2], base: [DVec3; 2]) -> [f64; 2] {
+/// Least and greatest `linear * base + constant` of such factors between two, and base colours between two.
+pub fn luminances([low, high]: [Vec4; 2], base: [DVec3; 2]) -> [f64; 2] {
     let node = |k: usize| [low[k], high[k]].map(f64::from);
     (0..3).fold(node(3), |sum, k| {
         let [least, most] = product(node(k), base.map(|b| b[k]));

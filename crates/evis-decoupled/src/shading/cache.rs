@@ -43,11 +43,11 @@ impl<K: Eq + Hash, T> Cache<K, T> {
         value
     }
 
-    /// Before block number `block`: drops what is not `wanted`, and what was not used during the last blocks.
-    pub fn retain(&mut self, block: u64, wanted: impl Fn(&K) -> bool) {
+    /// Before block number `block`: drops what was not used during the last blocks.
+    pub fn retain(&mut self, block: u64) {
         for shard in &mut self.shards {
             let map = shard.get_mut().unwrap_or_else(PoisonError::into_inner);
-            map.retain(|key, used| used.block + IDLE_BLOCKS >= block && wanted(key));
+            map.retain(|_, used| used.block + IDLE_BLOCKS >= block);
             if map.len() < map.capacity() / 4 {
                 map.shrink_to_fit();
             }
@@ -75,7 +75,7 @@ mod tests {
             assert!(!known(&cache, key, 1));
         }
         for block in 2..30 {
-            cache.retain(block, |key| *key != 7);
+            cache.retain(block);
             // Some are used in every fourth block.
             assert_eq!((0..5).filter(|key| block % 4 == 0 && !known(&cache, *key, block)).count(), 0);
         }

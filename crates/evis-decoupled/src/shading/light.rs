@@ -1,51 +1,44 @@
-//! Light of surfaces: cells that live on facets, shaded when a tile first needs them.
+//! Light of surfaces.
 //!
-//! A facet has a grid of 2^i by 2^j cells over its (s, t); the level follows the facet's size on the screen, so that a
-//! cell spans about a tile. A cell holds the surface's response to base colour, without shadows, at nodes as fine as
-//! light bends; a texture is filtered, and shadows are found, when a pixel is evaluated. Cells whose light does not
-//! depend on time or view are shaded once; all others at both ends of a block, and are linear between. What may throw
-//! a shadow into a cell is found once, where lamp, surface and what throws it are still.
+//! Of a facet's part that a tile sees, a polynomial tells how it responds to base colour, without shadows, wherever that is true
+//! ([`crate::shading::patch`]); elsewhere, where light has an edge or a highlight, each part of a pixel is shaded at places of its own.
+//! A texture is filtered, and shadows are found, when a pixel is evaluated. A facet has a grid of 2^i by 2^j cells over its (s, t); the
+//! level follows the facet's size on the screen, so that a cell spans about a tile. What may throw a shadow into a cell is found once,
+//! where lamp, surface and what throws it are still.
 
 mod bounds;
 mod maps;
 pub mod packed;
+mod patches;
 mod shadows;
-mod times;
 
 use std::sync::{Arc, OnceLock};
 
 use evis_scene::motion::{WaveShape, Waveform};
-use evis_scene::{Light, LightFactors, Material, MaterialFactors, ShadingModel, TextureRef};
-use glam::{DMat3, DVec2, DVec3};
+use evis_scene::{Eye, Light, LightFactors, Material, MaterialFactors, ShadingModel, TextureRef};
+use glam::{DMat3, DVec2, DVec3, Vec4};
 
 use crate::Error;
 use crate::image::maps::{Map as TextureMap, Maps};
 use crate::image::texture::{Cells, Textures};
-use crate::packed::{Kept, MOST_OWN, as_floats};
+use crate::packed::MOST_OWN;
 use crate::scene::facets::{Facet, bounding_box, wide};
 use crate::scene::screen::{Depths, Screen};
 use crate::scene::tiles::{PIXELS, PixelFrame, TILE, TileView, change};
-use crate::scene::world::{Frame, World};
-use crate::shading::bounds::{Bounds, ranges};
+use crate::scene::world::World;
+use crate::shading::bounds::Bounds;
 use crate::shading::cache::Cache;
 use crate::shading::material::{self, Around, Lamp};
-use crate::shading::moments::{self, FacetAt, Times};
-use crate::shading::places::{LightsOverTime, LitFacet, MappedFacet, Responses};
+use crate::shading::patch::{NODES, Patch, STEPS};
+use crate::shading::places::{FacetOverTime, LightsOverTime, LitFacet, MappedFacet};
 use crate::shading::shadow::{Beam, Hull, Lit, Occluder, ScreenLamp, Tree};
-use crate::visibility::blocks::{Block, Clock};
+use crate::visibility::blocks::Clock;
 use crate::visibility::coverage::{Moments, Polygon, Polygons};
 use crate::visibility::fragment::{Line, Sight};
 use crate::visibility::lists::{Entry, Record};
 
 /// Most intervals of a facet's grid along an axis, as a power of two.
 const MOST_LEVEL: u32 = 14;
-/// A cell's nodes are made finer this often, where light bends between them: to about a pixel. Light is read at one place of a
-/// pixel, so that finer nodes show what the pixel's mean does not have.
-const MOST_FINER: u32 = 4;
-/// The last time only where they are off by this many times as much: where light has an edge or a highlight.
-const SHARP: f64 = 4.0;
-/// Part of the light by which the middle between nodes may be off.
-const SMOOTH: f64 = 0.0015;
 /// Square of the angle by which a camera with parallel rays turns, in radians, from which on it shows another sky.
 const LEAST_TURN: f64 = 1e-12;
 /// Part by which 1/depth may change over a pixel whose texture is averaged along edges that it shares with others.
@@ -58,6 +51,9 @@ pub const SKY_DENSITY: f64 = 3.0;
 pub const SKY_PLACES: u32 = 6;
 /// Of a texel of the sky, which it moves by between evaluations where pixels are smaller: there are so many in one.
 const HALF_TEXELS: f64 = 2.0;
+/// Where no polynomial tells light, it is found at two points of Gauss along either side of what a pixel sees: they lie so far from its
+/// middle, as parts of the side.
+pub const GAUSS: f64 = 0.288_675_134_594_812_9;
 /// Places along either side of what a pixel sees of a surface with maps.
 pub const PLACES: u32 = 4;
 /// A tile as a pixel, where its side is the unit.
@@ -106,45 +102,30 @@ struct Mapped {
 #[derive(Clone, Copy, PartialEq, Eq, Hash)]
 struct Key {
     facet: u32,
-    /// Level along s and t, and whether the front is seen.
-    level: [u8; 3],
+    /// Level along s and t.
+    level: [u8; 2],
     index: [u16; 2],
-    /// A border of time; 0 for what does not change.
-    border: u64,
+    /// Number of a lamp.
+    lamp: u32,
 }
 
 impl Key {
-    /// Of cell `index` of a grid of 2^`level` cells along s and t.
-    fn new(facet: u32, level: [u32; 2], index: [u32; 2], front: bool, border: u64) -> Self {
-        let level = [level[0] as u8, level[1] as u8, u8::from(front)];
-        Self { facet, level, index: index.map(|v| v as u16), border }
+    /// Of cell `index` of a grid of 2^`level` cells along s and t, and lamp number `lamp` of those whose light is kept apart.
+    fn new(facet: u32, level: [u32; 2], index: [u32; 2], lamp: usize) -> Self {
+        Self { facet, level: level.map(|v| v as u8), index: index.map(|v| v as u16), lamp: lamp as u32 }
     }
 
     /// Of the cell of half the level along either side that holds this one; `None` of a whole facet.
     fn coarser(&self) -> Option<Self> {
-        let [along_s, along_t, front] = self.level;
-        let halves = [along_s, along_t].map(|level| u16::from(level > 0));
-        let level = [along_s.saturating_sub(1), along_t.saturating_sub(1), front];
+        let halves = self.level.map(|level| u16::from(level > 0));
+        let level = self.level.map(|level| level.saturating_sub(1));
         let index = [0, 1].map(|k| self.index[k] >> halves[k]);
         (halves != [0; 2]).then_some(Self { level, index, ..*self })
     }
 }
 
-/// World corners and normals of a moving surface's vertices, at both ends of a block.
+/// World places and normals of a surface's vertices.
 type Corners = Vec<(DVec3, DVec3)>;
-
-/// Light of a cell of a facet's grid: responses at the nodes of a grid of its own.
-struct Patch {
-    /// Intervals along either side.
-    intervals: u32,
-    /// As a device has them: `intervals`, then nodes, row by row, at each the response to unshadowed light, then to each lamp
-    /// of [`Lighting::own`].
-    rows: Kept,
-    /// Bits of the lamps of [`Lighting::own`] that light any of it.
-    lit: u8,
-    /// Least and greatest values of all nodes, as a node has them.
-    ranges: Box<[[[f32; 4]; 2]]>,
-}
 
 /// What may throw shadows of one lamp into a cell of a still facet, of what is still.
 struct Shadowed {
@@ -161,30 +142,28 @@ pub struct Lighting<'a> {
     answers: Vec<Answer>,
     /// Per material, as `looks` and `answers` have them.
     factors: Vec<MaterialFactors>,
-    /// Per light, as kept cells were lit.
+    /// Per light.
     lights: Vec<LightFactors>,
-    /// Lamps and frames at both ends of the block, and between.
-    lamps: [Vec<Lamp>; 2],
-    frames: Option<[Frame; 2]>,
-    times: Times,
+    /// Lamps at the start, middle and end of the block, and from where the camera looks.
+    lamps: [Vec<Lamp>; 3],
+    eyes: [Eye; 3],
     /// Indices of lamps whose light is kept apart: they throw shadows, or their strength changes.
     own: Vec<usize>,
-    /// Per surface, vertices in the world at both ends; still ones are found once.
-    corners: Vec<[Corners; 2]>,
+    /// Per surface, vertices in the world at the start, middle and end; still ones once.
+    vertices: Vec<[Corners; 3]>,
     /// Per surface with maps, tangents and signs of bitangents, likewise.
-    tangents: Vec<[Vec<(DVec3, f64)>; 2]>,
-    /// The eye and lamps during the block, and facets with maps, made when they are first needed; where any surface has maps.
+    tangents: Vec<[Vec<(DVec3, f64)>; 3]>,
+    /// The eye and lamps during the block, and facets, made when they are first needed; what maps add to them, where any surface has
+    /// maps.
     lights_over_time: LightsOverTime,
+    facets: Vec<OnceLock<Box<FacetOverTime>>>,
     mapped: Vec<OnceLock<Box<MappedFacet>>>,
-    /// Keys of the block's start and end.
-    borders: [u64; 2],
-    patches: Cache<Key, Patch>,
     shadowed: Cache<Key, Shadowed>,
     /// Number of the block, from 1.
     block: u64,
     /// Of materials and lights: how often they were found to be others.
     version: u64,
-    /// Nodes shaded so far.
+    /// Places shaded so far, for patches.
     pub shaded: std::sync::atomic::AtomicU64,
     /// Per lamp of `own`, on the screen.
     screen_lamps: Vec<ScreenLamp>,
@@ -209,7 +188,6 @@ pub struct Lighting<'a> {
     /// Screen from world at the start, middle and end of the block, and of moving surfaces from their vertices.
     screen: [Screen; 3],
     depths: Depths,
-    middle: Vec<Corners>,
     background: f64,
     /// Where light from all around is visible.
     sky: Option<Sky>,
@@ -220,7 +198,12 @@ pub struct Lighting<'a> {
 #[derive(Default)]
 pub struct TileLight {
     slots: Vec<Slot>,
-    patches: Vec<Arc<Patch>>,
+    /// Of patches: those that are found of a block, and at moments.
+    nodes: Vec<[Vec4; NODES]>,
+    /// Of slots without patches, at moments.
+    facets: Vec<LitFacet>,
+    /// By moment and slot: where its nodes or its facet are, plus 1.
+    moments: Vec<u32>,
     /// Facets of all slots and lamps, with the pixels that they may darken.
     occluders: Vec<(u64, u32)>,
     /// Per slot, bounds of its light, found when they are first asked for, and maybe none; empty until any are asked for.
@@ -284,15 +267,11 @@ struct Slot {
     ready: bool,
     /// The response is 1.
     unlit: bool,
-    /// Cells of the facet's grid along s and t.
-    cells: [f64; 2],
-    /// First cell that is kept, and how many along s and t.
-    first: [f64; 2],
-    count: [usize; 2],
-    /// First patch in [`TileLight::patches`].
-    at: usize,
-    /// Intervals of the block between whose ends light is interpolated; 0 where it does not change.
-    intervals: u32,
+    /// First cell that the tile sees, and how many along s and t.
+    first: [u32; 2],
+    count: [u32; 2],
+    /// Its light, where a polynomial tells it; of maps, and of what is unlit, there is none.
+    patch: Option<Patch>,
     /// Widths of highlights that go by during the block.
     lobes: f64,
     /// Lamps of which some arrives.
@@ -383,15 +362,13 @@ impl<'a> Lighting<'a> {
             lights,
             shared: Arc::clone(shared),
             lamps: Default::default(),
-            frames: None,
-            times: Times::default(),
+            eyes: [Eye::At(DVec3::ZERO); 3],
             own: Vec::new(),
-            corners: Vec::new(),
+            vertices: Vec::new(),
             tangents: Vec::new(),
             lights_over_time: LightsOverTime::default(),
+            facets: Vec::new(),
             mapped: Vec::new(),
-            borders: [0; 2],
-            patches: Cache::default(),
             shadowed: Cache::default(),
             block: 0,
             version: 0,
@@ -409,7 +386,6 @@ impl<'a> Lighting<'a> {
             occluders: Vec::new(),
             screen: [Screen::default(); 3],
             depths: Depths { near: 0.0, far: f64::INFINITY },
-            middle: Vec::new(),
             background: material::LUMINANCE.dot(wide(scene.background)),
             sky: None,
             camera_moves: world.moving_nodes[scene.cameras[world.camera].node],
@@ -420,13 +396,13 @@ impl<'a> Lighting<'a> {
     ///
     /// # Errors
     /// A camera without a pose.
-    pub fn prepare(&mut self, clock: &mut Clock, block: &Block) -> Result<(), Error> {
+    pub fn prepare(&mut self, clock: &mut Clock) -> Result<(), Error> {
         let world = self.world;
         self.block += 1;
-        let frames = clock.ends()?;
+        let frames = clock.thirds()?;
         let state = &frames[0].state;
         if state.factors != self.factors || state.lights != self.lights {
-            // What is kept of earlier blocks was lit as materials and lights were then.
+            // What is known of earlier blocks is of materials and lights as they were then.
             let (block, version, shaded) = (self.block, self.version + 1, std::mem::take(&mut self.shaded));
             let (factors, lights) = (state.factors.clone(), state.lights.clone());
             let now = Self::with_factors(world, &Arc::clone(&self.shared), factors, lights);
@@ -435,29 +411,30 @@ impl<'a> Lighting<'a> {
         self.lamps = frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
         let apart = |l: &Lamp| l.casts_shadow || l.waveform.is_some();
         self.own = (0..self.lamps[0].len()).filter(|k| apart(&self.lamps[0][*k])).take(MOST_OWN).collect();
-        let first = self.corners.is_empty();
+        let first = self.vertices.is_empty();
+        self.vertices.resize_with(world.surfaces.len(), Default::default);
+        self.tangents.resize_with(world.surfaces.len(), Default::default);
         for (index, surface) in world.surfaces.iter().enumerate() {
-            let both = || frames.each_ref().map(|f| world.vertices(index as u32, f));
-            let tangents = || match self.answers[index].maps {
-                Some(_) => frames.each_ref().map(|f| world.tangents(index as u32, f)),
-                None => Default::default(),
+            let times = match surface.moves {
+                true => 3,
+                false => usize::from(first),
             };
-            if first {
-                self.corners.push(both());
-                self.tangents.push(tangents());
-            } else if surface.moves {
-                self.corners[index] = both();
-                self.tangents[index] = tangents();
+            for (time, frame) in frames.iter().enumerate().take(times) {
+                self.vertices[index][time] = world.vertices(index as u32, frame);
+                if self.answers[index].maps.is_some() {
+                    self.tangents[index][time] = world.tangents(index as u32, frame);
+                }
             }
         }
-        self.frames = Some(frames);
-        self.times = Times::new(*block);
+        self.eyes = frames.each_ref().map(|frame| frame.eye);
+        self.lights_over_time = self.find_lights_over_time();
+        self.facets.clear();
+        self.facets.resize_with(world.facets.len(), OnceLock::new);
         if self.answers.iter().any(|answer| answer.maps.is_some()) {
-            self.lights_over_time = self.lights_over_time();
             self.mapped.clear();
             self.mapped.resize_with(world.facets.len(), OnceLock::new);
         }
-        self.prepare_shadows(clock, first)?;
+        self.prepare_shadows(&frames, first);
         let (parallel, focal) = (self.screen[0].is_parallel(), world.lens.focal[0]);
         let detail = |environment| (HALF_TEXELS * material::sky_texels(environment) / focal).min(1.0);
         self.sky = world.scene.environment.as_ref().filter(|e| e.visible).map(|environment| Sky {
@@ -466,11 +443,7 @@ impl<'a> Lighting<'a> {
             focal: if parallel { f64::INFINITY } else { focal },
             detail: if parallel { 1.0 } else { detail(environment) },
         });
-        // At a jump, what held before the border does not hold after it.
-        self.borders = [moments::key(block.start_us, block.jump), moments::key(block.end_us, false)];
-        let borders = self.borders;
-        self.patches.retain(self.block, |key| key.border == 0 || borders.contains(&key.border));
-        self.shadowed.retain(self.block, |_| true);
+        self.shadowed.retain(self.block);
         Ok(())
     }
 
@@ -478,7 +451,9 @@ impl<'a> Lighting<'a> {
     pub fn enter_tile(&self, tile: &mut TileLight, entries: &[Entry], place: [usize; 2]) {
         tile.slots.clear();
         tile.slots.extend(entries.iter().map(|e| Slot { touches: e.touches, ..Slot::default() }));
-        tile.patches.clear();
+        tile.nodes.clear();
+        tile.facets.clear();
+        tile.moments.clear();
         tile.bounds.clear();
         tile.occluders.clear();
         tile.beams.clear();
@@ -559,33 +534,24 @@ impl<'a> Lighting<'a> {
             let wanted = (1.0 / (high[k] - low[k]).max(1e-6)).log2().floor();
             (wanted.max(0.0) as u32).min(MOST_LEVEL)
         });
-        slot.cells = level.map(|l| f64::from(1_u32 << l));
-        slot.first = [0, 1].map(|k| (low[k] * slot.cells[k]).floor().min(slot.cells[k] - 1.0));
-        slot.count = [0, 1].map(|k| {
-            let last = (high[k] * slot.cells[k]).ceil().min(slot.cells[k]) - 1.0;
-            (last - slot.first[k]).max(0.0) as usize + 1
-        });
-        if self.changes(surface) {
-            slot.still = false;
-            (slot.intervals, slot.lobes) = self.intervals(record.facet, [low, high], front);
+        for k in 0..2 {
+            let cells = f64::from(1_u32 << level[k]);
+            slot.first[k] = (low[k] * cells).floor().min(cells - 1.0) as u32;
+            let last = ((high[k] * cells).ceil().min(cells) - 1.0).max(0.0) as u32;
+            slot.count[k] = last.saturating_sub(slot.first[k]) + 1;
         }
-        let mapped = answer.maps.is_some();
-        if mapped {
-            // A normal map may face any lamp.
+        let (side, changes) = (if front { 1.0 } else { -1.0 }, self.changes(surface));
+        slot.still &= !changes;
+        (slot.range, slot.level) = ([low, high], level);
+        let at = STEPS.map(|u| self.lit_facet((record.facet, side), u, slot.middle()));
+        let lobes = self.lobes_of(record.facet, &at, slot.range);
+        slot.lobes = if changes { lobes.moved } else { 0.0 };
+        if answer.maps.is_some() || !record.one_side {
+            // A normal map may face any lamp, and a facet that shows both its sides does.
             slot.lit = ((1_u16 << self.own.len()) - 1) as u8;
-        }
-        slot.at = tile.patches.len();
-        for time in 0..if mapped { 0 } else { slot.intervals + 1 } {
-            let (border, u) = self.moment_of(time, slot.intervals);
-            let facet = self.facet_at(record.facet, front, u);
-            for j in 0..slot.count[1] {
-                for i in 0..slot.count[0] {
-                    let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
-                    let patch = self.patch(Key::new(record.facet, level, index, front, border), &facet);
-                    slot.lit |= patch.lit;
-                    tile.patches.push(patch);
-                }
-            }
+        } else {
+            (slot.patch, slot.lit) =
+                self.find_patch(&mut tile.nodes, ((record.facet, side), &at), slot.range, (changes, lobes));
         }
         for (number, &lamp) in self.own.iter().enumerate() {
             if slot.lit >> number & 1 == 1 {
@@ -594,7 +560,6 @@ impl<'a> Lighting<'a> {
                 slot.sine_hz = slot.sine_hz.max(sine_hz(waveform));
             }
         }
-        (slot.range, slot.level) = ([low, high], level);
         slot.shaded = slot.lit == 0;
         if !slot.shaded && !self.moving.is_empty() {
             self.find_occluders(tile, &mut slot, record, index, Casters::Moving);
@@ -602,116 +567,16 @@ impl<'a> Lighting<'a> {
         slot
     }
 
+    /// World places and normals of a surface's vertices at the start, middle or end of the block.
+    fn vertices_at(&self, surface: usize, time: usize) -> &Corners {
+        &self.vertices[surface][if self.world.surfaces[surface].moves { time } else { 0 }]
+    }
+
     /// Whether light of a surface depends on time, but for the strength of lamps.
     fn changes(&self, surface: usize) -> bool {
         self.answers[surface].follows_view && self.camera_moves
             || self.world.surfaces[surface].moves
             || self.lamps[0].iter().any(|l| l.moves)
-    }
-
-    /// Light of a cell, shaded where nobody has.
-    fn patch(&self, key: Key, facet: &FacetAt) -> Arc<Patch> {
-        self.patches.get(key, self.block, |key| self.shade_patch(key, facet))
-    }
-
-    /// Shades a cell at ever more nodes, until light in the middle between nodes is what these say.
-    fn shade_patch(&self, key: &Key, facet: &FacetAt) -> Patch {
-        let lamps = 1 + self.own.len();
-        let surface = self.world.facets[key.facet as usize].surface as usize;
-        let base = self.answers[surface].mean_base.max(DVec3::splat(0.05));
-        let luminance = |node: &[[f32; 4]]| -> f64 {
-            let of = |v: &[f32; 4]| {
-                base.dot(DVec3::new(f64::from(v[0]), f64::from(v[1]), f64::from(v[2]))) + f64::from(v[3])
-            };
-            node.iter().map(of).sum()
-        };
-        let place = |[x, y]: [f64; 2]| {
-            [0, 1].map(|k| (f64::from(key.index[k]) + [x, y][k]) / f64::from(1_u32 << key.level[k]))
-        };
-        let facet = LitFacet::new(facet, &self.own, place([0.5; 2]));
-        let shade = |places: &[[f64; 2]], out: &mut Vec<[f32; 4]>| {
-            for four in places.chunks(4) {
-                self.shade(&facet, four, out);
-            }
-        };
-        let node = |number: usize| number * lamps..(number + 1) * lamps;
-        let mut nodes = Vec::new();
-        shade(&[[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [1.0, 1.0]].map(place), &mut nodes);
-        let (mut middles, mut coarser, mut others) = (Vec::new(), Vec::new(), Vec::new());
-        let mut places = Vec::new();
-        let mut intervals = 1_usize;
-        for finer in 1..=MOST_FINER {
-            let step = 1.0 / intervals as f64;
-            middles.clear();
-            let tolerance = if finer == MOST_FINER { SHARP * SMOOTH } else { SMOOTH };
-            let row = intervals + 1;
-            let all = intervals * intervals;
-            let middle_of =
-                |cell: usize| place([cell % intervals, cell / intervals].map(|k| (k as f64 + 0.5) * step));
-            let is_smooth = (0..all).step_by(4).all(|first| {
-                let cells = first..(first + 4).min(all);
-                places.clear();
-                places.extend(cells.clone().map(middle_of));
-                shade(&places, &mut middles);
-                cells.into_iter().all(|cell| {
-                    let found = luminance(&middles[node(cell)]);
-                    let corner = cell / intervals * row + cell % intervals;
-                    let around = [0, 1, row, row + 1].map(|offset| luminance(&nodes[node(corner + offset)]));
-                    let expected = 0.25 * around.iter().sum::<f64>();
-                    (found - expected).abs() <= tolerance * found.abs()
-                })
-            });
-            if is_smooth {
-                break;
-            }
-            // Nodes, and the middles that were found, are nodes of the finer grid; the others are shaded together.
-            std::mem::swap(&mut nodes, &mut coarser);
-            let size = 2 * intervals + 1;
-            let known = |[i, j]: [usize; 2]| {
-                let middle = (j / 2) * intervals + i / 2;
-                match (i % 2, j % 2) {
-                    (0, 0) => Some((&coarser, (j / 2) * row + i / 2)),
-                    (1, 1) if middle * lamps < middles.len() => Some((&middles, middle)),
-                    _ => None,
-                }
-            };
-            let grid = || (0..size * size).map(|number| [number % size, number / size]);
-            places.clear();
-            let unknown = grid().filter(|at| known(*at).is_none());
-            places.extend(unknown.map(|at| place(at.map(|k| k as f64 * 0.5 * step))));
-            others.clear();
-            shade(&places, &mut others);
-            nodes.clear();
-            let mut next = 0;
-            for at in grid() {
-                let (from, number) = known(at).unwrap_or_else(|| {
-                    next += 1;
-                    (&others, next - 1)
-                });
-                nodes.extend_from_slice(&from[node(number)]);
-            }
-            intervals *= 2;
-        }
-        let intervals = intervals as u32;
-        let mut lit = 0;
-        for (k, value) in nodes.iter().enumerate() {
-            if !k.is_multiple_of(lamps) && value.iter().any(|v| *v != 0.0) {
-                lit |= 1 << (k % lamps - 1);
-            }
-        }
-        let ranges = ranges(&nodes, lamps);
-        let head = as_floats([intervals, 0, 0, 0]);
-        Patch { intervals, rows: std::iter::once(head).chain(nodes).collect(), lit, ranges }
-    }
-
-    /// Appends nodes at `places` (s, t), four at most.
-    fn shade(&self, facet: &LitFacet, places: &[[f64; 2]], out: &mut Vec<[f32; 4]>) {
-        self.shaded.fetch_add(places.len() as u64, std::sync::atomic::Ordering::Relaxed);
-        let four = std::array::from_fn(|k| places[k.min(places.len() - 1)]);
-        let answers = facet.responses(&four, &self.shared.around).map(Responses::rows);
-        for k in 0..places.len() {
-            out.extend(answers[..1 + self.own.len()].iter().map(|rows| rows[k]));
-        }
     }
 
     /// Mean of the texture of entry `part.slot` over `part.moments`.
@@ -812,8 +677,12 @@ impl<'a> Lighting<'a> {
         if tile.slots[slot].unlit {
             return moments.area * glow * material::LUMINANCE.dot(base);
         }
-        let of = |base: DVec3, r: [f64; 4]| base.x * r[0] + base.y * r[1] + base.z * r[2] + r[3];
-        let mut sum = answer.glow * glow + of(base, self.interpolate(tile, slot, place, at.u, 0));
+        let of = |base: DVec3, r: Vec4| {
+            let r = r.as_dvec4();
+            base.x * r.x + base.y * r.y + base.z * r.z + r.w
+        };
+        let answers = self.answers(tile, part, place, at);
+        let mut sum = answer.glow * glow + of(base, self.answer(tile, &answers, 0));
         for number in 0..self.own.len() {
             if tile.slots[slot].lit >> number & 1 == 0 {
                 continue;
@@ -822,14 +691,17 @@ impl<'a> Lighting<'a> {
             if strength <= 0.0 {
                 continue;
             }
-            // What the lamp reaches may look otherwise than the rest.
-            let (place, base) = match &lit {
-                Some(lit) if PARTLY_LIT.contains(&(lit.area / moments.area)) => {
-                    self.base_color(&Part { moments: lit, ..*part }, None)
-                }
-                _ => (place, base),
-            };
-            sum += strength * of(base, self.interpolate(tile, slot, place, at.u, 1 + number));
+            sum += strength
+                * match &lit {
+                    // What the lamp reaches may look otherwise than the rest.
+                    Some(lit) if PARTLY_LIT.contains(&(lit.area / moments.area)) => {
+                        let part = Part { moments: lit, ..*part };
+                        let (place, base) = self.base_color(&part, None);
+                        let answers = self.answers(tile, &part, place, at);
+                        of(base, self.answer(tile, &answers, 1 + number))
+                    }
+                    _ => of(base, self.answer(tile, &answers, 1 + number)),
+                };
         }
         moments.area * sum
     }
@@ -851,47 +723,6 @@ impl<'a> Lighting<'a> {
             base *= DVec3::new(f64::from(texel[0]), f64::from(texel[1]), f64::from(texel[2]));
         }
         (place, base)
-    }
-
-    #[inline(always)]
-    fn interpolate(&self, tile: &TileLight, slot: usize, place: [f64; 2], u: f64, lamp: usize) -> [f64; 4] {
-        let slot = &tile.slots[slot];
-        let lamps = 1 + self.own.len();
-        let (mut cell, mut within) = ([0_usize; 2], [0.0; 2]);
-        for k in 0..2 {
-            let at = (place[k] * slot.cells[k] - slot.first[k]).clamp(0.0, slot.count[k] as f64);
-            cell[k] = (at as usize).min(slot.count[k] - 1);
-            within[k] = at - cell[k] as f64;
-        }
-        let number = slot.at + cell[1] * slot.count[0] + cell[0];
-        let (interval, part) = moments::interval_of(u, slot.intervals);
-        let at = |time: u32| {
-            let patch = &tile.patches[number + time as usize * slot.count[0] * slot.count[1]];
-            let intervals = patch.intervals as usize;
-            let node = |k: usize| {
-                let at = within[k] * intervals as f64;
-                let low = (at as usize).min(intervals - 1);
-                (low, (at - low as f64) as f32)
-            };
-            let ((i, x), (j, y)) = (node(0), node(1));
-            let row = intervals + 1;
-            let corner = j * row + i;
-            let weights = [(1.0 - x) * (1.0 - y), x * (1.0 - y), (1.0 - x) * y, x * y];
-            let mut sum = [0.0_f32; 4];
-            for (offset, weight) in [0, 1, row, row + 1].into_iter().zip(weights) {
-                let node = &patch.rows[1 + (corner + offset) * lamps + lamp];
-                for k in 0..4 {
-                    sum[k] += weight * node[k];
-                }
-            }
-            sum
-        };
-        let a = at(interval);
-        if slot.intervals == 0 {
-            return a.map(f64::from);
-        }
-        let b = at(interval + 1);
-        [0, 1, 2, 3].map(|k| f64::from(a[k]) + (f64::from(b[k]) - f64::from(a[k])) * part)
     }
 
     /// Whether what lies behind everything is the same everywhere and always.

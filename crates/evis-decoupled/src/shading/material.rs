@@ -53,6 +53,7 @@ impl Lamp {
     }
 
     /// Unit vector to the light, and irradiance on a surface that faces it.
+    #[cfg(test)]
     fn incident(&self, position: DVec3) -> (DVec3, DVec3) {
         if self.kind == LightKind::Directional {
             return (-self.direction, self.strength);
@@ -164,12 +165,6 @@ impl Around {
 /// Angle between normal and half vector at which a highlight has a quarter of its peak.
 pub fn lobe_width(roughness: f64) -> f64 {
     (roughness * roughness).max(LEAST_ALPHA)
-}
-
-/// The half vector of a lamp less the normal: the highlight is brightest where that is 0.
-pub fn from_highlight(point: &Point, lamp: &Lamp) -> DVec3 {
-    let (to_light, _) = lamp.incident(point.position);
-    (point.to_eye + to_light).normalize_or(point.normal) - point.normal
 }
 
 /// How far a place is from the middle of the border of a lamp's cone, in widths of the border; `None` of a lamp that has none.

@@ -3,7 +3,8 @@
 pub mod bounds;
 pub mod cache;
 pub mod light;
+pub mod lobes;
 pub mod material;
-pub mod moments;
+pub mod patch;
 pub mod places;
 pub mod shadow;

@@ -6,14 +6,15 @@
 
 use std::f32::consts::PI;
 
-use evis_scene::{Eye, LightKind, ShadingModel};
+use evis_scene::{LightKind, ShadingModel};
 use glam::{DVec3, Mat4, Vec4};
 
 use crate::fours::{Four, parts};
 use crate::image::maps::FacetMaps;
 use crate::packed;
-use crate::shading::material::{Around, LEAST_ALPHA, LEAST_COSINE, LUMINANCE, Lamp, SPLIT_SUM, split_sums};
-use crate::shading::moments::FacetAt;
+use crate::shading::material::{
+    Around, LEAST_ALPHA, LEAST_COSINE, LUMINANCE, Lamp, Point, SPLIT_SUM, split_sums,
+};
 use crate::visibility::lists::powers;
 
 /// A vector as a quadratic of the block's time.
@@ -110,13 +111,30 @@ pub struct LightsOverTime {
     pub lamps: Vec<LampOverTime>,
 }
 
-/// A facet with maps during a block.
-pub struct MappedFacet {
+/// A facet during a block.
+pub struct FacetOverTime {
     /// World positions at (s, t) = (0, 0), (1, 0) and (0, 1).
     pub positions: [OverTime; 3],
     /// Normals there.
     pub normals: [OverTime; 3],
-    /// Tangents there.
+}
+
+impl FacetOverTime {
+    /// Rows of a device: by power of time positions, then normals.
+    pub fn rows(&self) -> [[f32; 4]; packed::GEOMETRY_ROWS] {
+        let mut rows = [[0.0; 4]; packed::GEOMETRY_ROWS];
+        for (number, of) in self.positions.iter().chain(&self.normals).enumerate() {
+            for (power, row) in of.rows(0.0).into_iter().enumerate() {
+                rows[packed::GEOMETRY_ROWS / 3 * power + number] = row;
+            }
+        }
+        rows
+    }
+}
+
+/// What maps add to a facet during a block.
+pub struct MappedFacet {
+    /// Tangents at (s, t) = (0, 0), (1, 0) and (0, 1).
     pub tangents: [OverTime; 3],
     /// Signs of bitangents there.
     pub signs: [f64; 3],
@@ -140,18 +158,6 @@ pub struct LampAt {
 }
 
 impl LampAt {
-    /// `lamp`, seen from `middle`; `own` is its number among those whose light is kept apart, plus 1.
-    pub fn new(lamp: &Lamp, own: usize, middle: DVec3) -> Self {
-        Self {
-            offset: (lamp.kind != LightKind::Directional).then(|| Four::splat(lamp.position - middle)),
-            to_light: Four::splat(-lamp.direction),
-            strength: Four::splat(lamp.strength),
-            inverse_range: lamp.range.map_or(0.0, |range| (1.0 / (range * range)) as f32),
-            cone: lamp.cone.map(|cone| cone.map(|v| v as f32)),
-            own,
-        }
-    }
-
     /// Unit vectors to the lamp, and irradiances on surfaces that face it, at places this far from the middle.
     #[inline(always)]
     fn incident(&self, from_middle: Four) -> (Four, Four) {
@@ -215,6 +221,20 @@ impl Responses {
         let Self { linear: Four { x, y, z }, constant } = self;
         Mat4::from_cols(x * r, y * g, z * b, constant).transpose().to_cols_array_2d()
     }
+
+    /// Whether anything is sent back at any of the places.
+    #[inline(always)]
+    pub fn is_any(self) -> bool {
+        let Self { linear: Four { x, y, z }, constant } = self;
+        (x.abs() + y.abs() + z.abs() + constant.abs()).cmpgt(Vec4::ZERO).any()
+    }
+
+    /// The mean of that over the places.
+    #[inline(always)]
+    pub fn mean(self) -> Vec4 {
+        let [a, b, c, d] = self.rows().map(Vec4::from_array);
+        ((a + b) + (c + d)) * 0.25
+    }
 }
 
 impl std::ops::AddAssign for Responses {
@@ -245,22 +265,29 @@ pub struct LitFacet {
 }
 
 impl LitFacet {
-    /// `facet`, seen from (s, t) = `middle`; light of the lamps with indices `own` is kept apart.
-    pub fn new(facet: &FacetAt, own: &[usize], middle: [f64; 2]) -> Self {
-        let changes = |[a, b, d]: [DVec3; 3]| [a, b - a, d - a];
-        let [first, along @ ..] = changes(facet.corners.map(|corner| corner.0));
+    /// `facet` of a surface that is `all` at part `u` of the block, seen from (s, t) = `middle`; from its front, where `side` is 1, or
+    /// from behind (-1).
+    pub fn new(
+        (facet, all, side): (&FacetOverTime, &Point, f64),
+        lights: &LightsOverTime,
+        u: f64,
+        middle: [f64; 2],
+    ) -> Self {
+        let changes = |of: &[OverTime; 3]| {
+            let [a, b, d] = of.each_ref().map(|v| v.at(u));
+            [a, b - a, d - a]
+        };
+        let [first, along @ ..] = changes(&facet.positions);
         let place = first + along[0] * middle[0] + along[1] * middle[1];
-        let number = |lamp: usize| own.iter().position(|own| *own == lamp).map_or(0, |number| number + 1);
-        let lamps = facet.lamps.iter().enumerate().map(|(k, lamp)| LampAt::new(lamp, number(k), place));
-        let all = &facet.all;
+        let eye = lights.eye.at(u);
         Self {
             model: all.model,
             middle,
             along: along.map(Four::splat),
-            normals: changes(facet.corners.map(|corner| corner.1)).map(Four::splat),
-            side: facet.side as f32,
-            to_eye: Four::splat(facet.eye.map_or(DVec3::Z, |eye| -eye.toward(place))),
-            is_parallel: !matches!(facet.eye, Some(Eye::At(_))),
+            normals: changes(&facet.normals).map(Four::splat),
+            side: side as f32,
+            to_eye: Four::splat(if lights.is_parallel { -eye } else { eye - place }),
+            is_parallel: lights.is_parallel,
             all: Points {
                 base: Four::splat(all.mean_base),
                 metallic: Vec4::splat(all.metallic as f32),
@@ -268,12 +295,13 @@ impl LitFacet {
                 occlusion: Vec4::splat(all.occlusion as f32),
                 ..Points::default()
             },
-            lamps: lamps.collect(),
+            lamps: lights.lamps.iter().map(|lamp| lamp.at(u, place)).collect(),
         }
     }
 
-    /// How four places (s, t) respond to everything but the lamps that are kept apart, and then each of these, if nothing is in between.
-    pub fn responses(&self, places: &[[f64; 2]; 4], around: &Around) -> [Responses; 1 + packed::MOST_OWN] {
+    /// Four places (s, t) of it.
+    #[inline(always)]
+    pub fn points(&self, places: &[[f64; 2]; 4]) -> Points {
         let [s, t] = [0, 1].map(|k| Vec4::from_array(places.map(|place| place[k] as f32)));
         let [ds, dt] =
             [0, 1].map(|k| Vec4::from_array(places.map(|place| (place[k] - self.middle[k]) as f32)));
@@ -282,13 +310,29 @@ impl LitFacet {
         let [normal, along @ ..] = self.normals;
         let normal = (normal + along[0] * s + along[1] * t).normalize_or(up) * self.side;
         let to_eye = if self.is_parallel { self.to_eye } else { self.to_eye - from_middle };
-        let points = Points { from_middle, normal, to_eye: to_eye.normalize_or(up), ..self.all };
-        let mut responses = [Responses::default(); 1 + packed::MOST_OWN];
-        responses[0] = points.of_around(around, self.model);
-        for lamp in &self.lamps {
-            responses[lamp.own] += points.of_lamp(lamp, self.model);
+        Points { from_middle, normal, to_eye: to_eye.normalize_or(up), ..self.all }
+    }
+
+    /// How many lamps there are.
+    pub fn lamp_count(&self) -> usize {
+        self.lamps.len()
+    }
+
+    /// Half vectors of lamp number `lamp` less normals: its highlight is brightest where that is 0.
+    pub fn from_highlight(&self, points: &Points, lamp: usize) -> Four {
+        let to_light = self.lamps[lamp].incident(points.from_middle).0;
+        (points.to_eye + to_light).normalize_or(points.normal) - points.normal
+    }
+
+    /// How they respond to everything but the lamps that are kept apart (0), or to one of these (its number plus 1) if nothing is in
+    /// between.
+    #[inline(always)]
+    pub fn response(&self, points: &Points, own: usize, around: &Around) -> Responses {
+        let mut response = if own == 0 { points.of_around(around, self.model) } else { Responses::default() };
+        for lamp in self.lamps.iter().filter(|lamp| lamp.own == own) {
+            response += points.of_lamp(lamp, self.model);
         }
-        responses
+        response
     }
 }
 
@@ -402,12 +446,12 @@ fn split_sum(n_dot_v: Vec4, roughness: Vec4) -> [Vec4; 2] {
 
 #[cfg(test)]
 mod tests {
-    use evis_scene::Scene;
     use evis_scene::environment::Environment;
+
+    use evis_scene::{Eye, Scene};
 
     use super::*;
     use crate::scene::testing::numbers;
-    use crate::shading::material::Point;
     use crate::shading::material::exact::{Response, respond};
 
     fn four(of: [DVec3; 4]) -> Four {
@@ -496,6 +540,28 @@ mod tests {
         assert!((Four::ONE.luminance().x - LUMINANCE.element_sum() as f32).abs() < 1e-6);
     }
 
+    /// A facet at a time.
+    struct Facet {
+        /// World places and normals of its corners at (s, t) = (0, 0), (1, 0) and (0, 1).
+        corners: [(DVec3, DVec3); 3],
+        eye: Eye,
+        side: f64,
+        all: Point,
+    }
+
+    impl Facet {
+        fn point(&self, [s, t]: [f64; 2]) -> Point {
+            let blend = |[a, b, d]: [DVec3; 3]| a + (b - a) * s + (d - a) * t;
+            let position = blend(self.corners.map(|c| c.0));
+            Point {
+                position,
+                normal: blend(self.corners.map(|c| c.1)).normalize() * self.side,
+                to_eye: -self.eye.toward(position).normalize(),
+                ..self.all
+            }
+        }
+    }
+
     #[test]
     fn four_places_of_a_facet_respond_as_each_does_by_itself() {
         let mut next = numbers(7);
@@ -524,14 +590,12 @@ mod tests {
             let at = [DVec3::ZERO, DVec3::X, DVec3::Z].map(|offset| place + offset + vector(0.3));
             let corners = at.map(|position| (position, (DVec3::Y + vector(1.2)).normalize()));
             let rest = vector(1.0) + 0.5;
-            let facet = FacetAt {
-                lamps: &lamps,
+            let facet = Facet {
                 corners,
-                tangents: Default::default(),
-                eye: Some(match k % 3 {
+                eye: match k % 3 {
                     0 => Eye::Along(DVec3::new(0.2, -0.9, 0.3).normalize()),
                     _ => Eye::At(place + DVec3::new(0.4, 2.0, 0.5) + vector(1.0)),
-                }),
+                },
                 side: if k % 5 == 0 { -1.0 } else { 1.0 },
                 all: Point {
                     model: if k % 4 == 0 { ShadingModel::Diffuse } else { ShadingModel::MetallicRoughness },
@@ -547,8 +611,24 @@ mod tests {
             let places: [[f64; 2]; 4] = std::array::from_fn(|_| [next(), next()]);
             // The lamps in another order, and one with what no shadow falls on.
             let own = [2, 0];
-            let found =
-                LitFacet::new(&facet, &own, [0.5, 0.25]).responses(&places, &around).map(Responses::rows);
+            let still = |of: fn((DVec3, DVec3)) -> DVec3| corners.map(|c| OverTime::through([of(c); 3]));
+            let over_time = FacetOverTime { positions: still(|c| c.0), normals: still(|c| c.1) };
+            let number = |lamp: usize| own.iter().position(|own| *own == lamp).map_or(0, |number| number + 1);
+            let eye = facet.eye;
+            let lights = LightsOverTime {
+                eye: OverTime::through(
+                    [match eye {
+                        Eye::At(v) | Eye::Along(v) => v,
+                    }; 3],
+                ),
+                is_parallel: matches!(eye, Eye::Along(_)),
+                lamps: (lamps.iter().enumerate())
+                    .map(|(k, lamp)| LampOverTime::new([lamp; 3], number(k)))
+                    .collect(),
+            };
+            let lit_facet = LitFacet::new((&over_time, &facet.all, facet.side), &lights, 0.4, [0.5, 0.25]);
+            let points = lit_facet.points(&places);
+            let found = [0, 1, 2, 3].map(|own| lit_facet.response(&points, own, &around).rows());
             for (number, place) in places.into_iter().enumerate() {
                 let mut wanted = [Response::default(); 3];
                 respond(&facet.point(place), &lamps, &own, &around, &mut wanted);

@@ -278,7 +278,7 @@ impl Evaluator<'_> {
         let mapped = mapped.fold(0_u64, |pixels, entry| pixels | entry.touches);
         // Parameters of facets are linear before parallel rays, and projective behind a lens that bends them.
         let bent = !work.view.is_square();
-        if (mapped != 0 && (bent || !packer.has_maps())) || (bent && self.lists.depths.far.is_finite()) {
+        if (mapped != 0 && !packer.has_maps()) || (bent && self.lists.depths.far.is_finite()) {
             return None;
         }
         let mut numbers = vec![0; entries.len()];
@@ -300,16 +300,17 @@ impl Evaluator<'_> {
             let plain = |own: &Own| own.covers && !lighting.is_shadowed(&work.light, own.slot, pixel);
             let mut packed = packed::Pixel { centre, own: first, own_count, number, ..Default::default() };
             if bent {
-                packed.flags = packed::BENT;
+                packed.flags |= packed::BENT;
                 packed.frame = packer.row.points.len() as u32;
                 for map in work.view.pixel_maps(pixel, middle) {
                     let rows = map.transpose().to_cols_array_2d();
                     packer.row.points.extend(rows.map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0]));
                 }
-            } else if mapped >> pixel & 1 == 1 {
-                packed.flags = packed::MAPPED;
-            } else if matches!(own, [own] if plain(own)) {
-                packed.flags = packed::PLAIN;
+            }
+            if mapped >> pixel & 1 == 1 {
+                packed.flags |= packed::MAPPED;
+            } else if !bent && matches!(own, [own] if plain(own)) {
+                packed.flags |= packed::PLAIN;
             }
             packed
         };
@@ -517,7 +518,7 @@ mod tests {
         let mut clock = Clock::new(&world, block);
         let lists = Lists::new(&world, &mut clock).unwrap();
         let mut lighting = Lighting::new(&world, &Shared::new(scene));
-        lighting.prepare(&mut clock, &block).unwrap();
+        lighting.prepare(&mut clock).unwrap();
         let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block };
         let mut work = Work::default();
         let (mut out, mut together) = (Vec::new(), 0);
@@ -559,7 +560,7 @@ mod tests {
             let mut clock = Clock::new(&world, block);
             let lists = Lists::new(&world, &mut clock).unwrap();
             let mut lighting = Lighting::new(&world, &Shared::new(scene));
-            lighting.prepare(&mut clock, &block).unwrap();
+            lighting.prepare(&mut clock).unwrap();
             let evaluator = Evaluator { world: &world, lists: &lists, lighting: &lighting, block };
             let mut work = Work::default();
             // Pixels that move, and those of them of which bounds say that light stays within a fifth of itself.

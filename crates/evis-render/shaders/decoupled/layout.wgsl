@@ -6,6 +6,9 @@ const PLAIN: u32 = 0u;
 const BENT: u32 = 2u;
 // Those that see facets with other maps than one of base colour.
 const MAPPED: u32 = 3u;
+// Those behind a distorted lens that do.
+const BENT_MAPPED: u32 = 4u;
+const CLASSES: u32 = 5u;
 
 // What the host packs of a block (`packed` of evis-decoupled). Indices of a row of tiles count from the bases that
 // its pixels name.
@@ -52,8 +55,8 @@ struct Batch {
     // Row of `fixed` at which texels of maps begin, and light from all around.
     texels: u32,
     around: u32,
-    // Where the pixels of each class are listed.
-    lists: vec4<u32>,
+    // Where the pixels of each class are listed, four in a row.
+    lists: array<vec4<u32>, 2>,
 };
 
 // Rows of a job: its own, then directions on the sky, then those of its lamps.
@@ -68,17 +71,10 @@ struct Entry {
     points: u32,
     facet: u32,
     flags: u32,
-    pad: u32,
+    // First row of `points` of its geometry, and of what its maps need, see lit.wgsl and maps.wgsl.
+    light: u32,
     // Part of the block in which it holds.
     span: vec2<f32>,
-    // Cells of its grid along s and t.
-    cells: vec2<f32>,
-    // First cell that is kept, and how many.
-    first: vec2<f32>,
-    count: vec2<u32>,
-    // First word of where its patches begin in `kept`.
-    patches: u32,
-    intervals: u32,
     // Bits of lamps of which some arrives.
     lit: u32,
     // First of six words per lamp.
@@ -119,7 +115,7 @@ struct Pixel {
 
 const ROUNDS: u32 = 64u;
 // Of each round, and of the one after the last, of each class.
-const ROUND_COUNTS: u32 = 4u * (ROUNDS + 1u);
+const ROUND_COUNTS: u32 = CLASSES * (ROUNDS + 1u);
 
 struct Turn {
     // In which each pixel is evaluated once at most.
@@ -154,10 +150,11 @@ const MIRRORED: u32 = 2u;
 const CROSSES_NEAR: u32 = 4u;
 const CROSSES_FAR: u32 = 8u;
 const UNLIT: u32 = 16u;
-// It has maps; then `patches` is the first of its rows of `points`, see maps.wgsl.
 const HAS_MAPS: u32 = 32u;
 // What it sends itself changes.
 const GLOWS_APART: u32 = 64u;
+// Its light is found at several places of each part of a pixel.
+const SHARP: u32 = 128u;
 // Pixel.
 const HAS_BEFORE: u32 = 1u;
 const RESTED: u32 = 2u;
@@ -175,7 +172,7 @@ const INSTANT_US: f32 = 2.0;
 @group(0) @binding(1) var<storage, read> entries: array<Entry>;
 @group(0) @binding(2) var<storage, read> words: array<u32>;
 @group(0) @binding(3) var<storage, read> points: array<vec4<f32>>;
-// What stays from block to block: patches and appearances of facets.
+// What stays from block to block: appearances of facets, and the sky.
 @group(0) @binding(4) var<storage, read> kept: array<vec4<f32>>;
 // Textures, and sums of texels.
 @group(0) @binding(5) var<storage, read> fixed: array<vec4<f32>>;
@@ -239,9 +236,17 @@ fn enter_frame(row: u32) {
     from_pixel = mat3x3<f32>(points[row + 3u].xyz, points[row + 4u].xyz, points[row + 5u].xyz);
 }
 
+fn is_bent() -> bool {
+    return CLASS == BENT || CLASS == BENT_MAPPED;
+}
+
+fn sees_maps() -> bool {
+    return CLASS == MAPPED || CLASS == BENT_MAPPED;
+}
+
 // A homogeneous image point about the pixel's centre.
 fn about_pixel(h: vec3<f32>) -> vec3<f32> {
-    if (CLASS == BENT) {
+    if (is_bent()) {
         return h * to_pixel;
     }
     return vec3<f32>(h.xy - centre * h.z, h.z);
@@ -249,7 +254,7 @@ fn about_pixel(h: vec3<f32>) -> vec3<f32> {
 
 // The image point about the picture's centre at a place in the pixel.
 fn image_point(at: vec2<f32>) -> vec3<f32> {
-    if (CLASS == BENT) {
+    if (is_bent()) {
         return vec3<f32>(at, 1.0) * from_pixel;
     }
     return vec3<f32>(centre + at, 1.0);
@@ -257,7 +262,7 @@ fn image_point(at: vec2<f32>) -> vec3<f32> {
 
 // 1 / depth, as facets have it, of the plane at a depth.
 fn depth_plane(inverse: f32) -> vec3<f32> {
-    if (CLASS == BENT) {
+    if (is_bent()) {
         return from_pixel[2] * inverse;
     }
     return vec3<f32>(0.0, 0.0, inverse);

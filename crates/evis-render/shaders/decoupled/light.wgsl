@@ -6,8 +6,10 @@
 // Light that a pixel gets at a time.
 
 // Rows of `kept` per facet: base colour with the texture's number plus 1 in w, its change along s and along t with
-// the texture's origin in w, and the change of texture coordinates.
-const LOOK_ROWS: u32 = 4u;
+// the texture's origin in w, the change of texture coordinates, and metallic, roughness, occlusion and 0 of what has no highlights.
+const LOOK_ROWS: u32 = 5u;
+// Two points of Gauss along a side, as a part of the side from its middle.
+const LIT_OFFSET: f32 = 0.28867513;
 // Where shadows leave such a part of an area, base colour is averaged over what they leave.
 const PARTLY_LIT: vec2<f32> = vec2<f32>(0.001, 0.99);
 // Parts of a pixel below this are none.
@@ -66,39 +68,56 @@ fn surface_of(k: u32, m: Moments) -> Surface {
     return Surface(place, color);
 }
 
-// A patch's nodes at `within` of it, for lamp `lamp` of `lamps`.
-fn patch_at(word: u32, within: vec2<f32>, lamp: u32, lamps: u32) -> vec4<f32> {
-    let start = words[base.words + word];
-    let intervals = bitcast<u32>(kept[start].x);
-    let at = within * f32(intervals);
-    let low = min(vec2<u32>(at), vec2<u32>(intervals - 1u));
-    let w = at - vec2<f32>(low);
-    let row = intervals + 1u;
-    let corner = start + 1u + (low.y * row + low.x) * lamps + lamp;
-    let upper = mix(kept[corner], kept[corner + lamps], w.x);
-    let lower = mix(kept[corner + row * lamps], kept[corner + (row + 1u) * lamps], w.x);
-    return mix(upper, lower, w.y);
-}
+// By which responses count: of what no shadow falls on, then of lamps.
+var<private> weights: array<f32, MAP_LIGHTS>;
 
-// Response of an entry at (s, t) to what no shadow falls on (lamp 0) or to one of its lamps.
-fn response_at(entry: u32, place: vec2<f32>, u: f32, lamp: u32) -> vec4<f32> {
-    let count = entries[entry].count;
-    let at = clamp(
-        place * entries[entry].cells - entries[entry].first,
-        vec2<f32>(0.0),
-        vec2<f32>(count),
-    );
-    let cell = min(vec2<u32>(at), count - 1u);
-    let within = at - vec2<f32>(cell);
-    let word = entries[entry].patches + cell.y * count.x + cell.x;
-    let intervals = entries[entry].intervals;
-    let lamps = 1u + job.lamps;
-    let time = u * f32(intervals);
-    let interval = min(u32(time), max(intervals, 1u) - 1u);
-    let moment = select(0u, count.x * count.y, intervals > 0u);
-    let a = patch_at(word + interval * moment, within, lamp, lamps);
-    let b = patch_at(word + (interval + 1u) * moment, within, lamp, lamps);
-    return mix(a, b, time - f32(interval));
+// Luminance per area that a part of fragment `k` with the moments `m` and base colour sends of the `responses` whose bits are set, each
+// by its weight: 0 of what no shadow falls on, then lamp by lamp.
+fn lit_part(k: u32, m: Moments, surface: Surface, responses: u32, u: f32) -> f32 {
+    let entry = fragments[k].entry;
+    let facet = geometry_at(base.points + entries[entry].light, u);
+    let eye = over_time(base.points, 1u, u);
+    let matter = kept[job.looks + fragments[k].facet * LOOK_ROWS + 4u];
+    // Two points of Gauss along either side, where light has an edge or a highlight.
+    var places = 1u;
+    var p = vec2<f32>(0.0);
+    var q = vec2<f32>(0.0);
+    var middle = surface.place;
+    if ((entries[entry].flags & SHARP) != 0u) {
+        let sides = sides_of(m);
+        let spot = spot_of(k, sides.middle);
+        places = 4u;
+        middle = spot.place;
+        p = LIT_OFFSET * (spot.right * sides.along.x + spot.down * sides.along.y);
+        q = LIT_OFFSET * (spot.right * sides.down.x + spot.down * sides.down.y);
+    }
+    let lamps = lamp_count();
+    spend(places * (1u + lamps));
+    var sum = 0.0;
+    for (var place = 0u; place < places; place++) {
+        let at = middle + select(-p, p, (place & 1u) == 1u) + select(-q, q, place > 1u);
+        var point: LitPoint;
+        point.position = position_at(facet, at);
+        point.normal = normal_at(facet, at) * fragments[k].side;
+        point.to_eye = way_to_eye(eye, point.position);
+        point.base = surface.base;
+        point.metallic = matter.x;
+        point.roughness = matter.y;
+        point.occlusion = matter.z;
+        point.diffuse = matter.w == 0.0;
+        if ((responses & 1u) == 1u) {
+            let around = lit_from_around(point);
+            sum += around.x + around.y;
+        }
+        for (var lamp = 0u; lamp < lamps; lamp++) {
+            let own = own_of_lamp(lamp);
+            if (((responses >> own) & 1u) == 1u) {
+                let light = lit_by(point, lamp_now(lamp, u));
+                sum += weights[own] * (light.x + light.y);
+            }
+        }
+    }
+    return sum / f32(places);
 }
 
 // Parts of a fragment whose base colour is averaged: all that the pixel sees of it, and what a lamp reaches of that, where
@@ -107,8 +126,6 @@ const MOST_TASKS: u32 = 9u;
 var<private> task_moments: array<Moments, MOST_TASKS>;
 // Bits of the responses that a part has: 0 of what no shadow falls on, then lamp by lamp.
 var<private> task_responses: array<u32, MOST_TASKS>;
-// Of responses.
-var<private> weights: array<f32, MOST_TASKS>;
 
 // What the pixel sees of facets.
 struct Part {
@@ -129,7 +146,7 @@ fn light_of_maps(k: u32, m: Moments, lit: u32, u: f32) -> f32 {
     let p = spot.right * sides.along.x + spot.down * sides.along.y;
     let q = spot.right * sides.down.x + spot.down * sides.down.y;
     let look = job.looks + fragments[k].facet * LOOK_ROWS;
-    shade_places(base.points + entries[entry].patches, look, fragments[k].side, spot.place, p, q, u);
+    shade_places(base.points + entries[entry].light, look, fragments[k].side, spot.place, p, q, u);
     let glow = wave_at(entries[entry].glow, u) * map_glow;
     let apart = (entries[entry].flags & GLOWS_APART) != 0u;
     var sum = map_light[0] + select(glow, 0.0, apart);
@@ -150,7 +167,7 @@ fn light_of_maps(k: u32, m: Moments, lit: u32, u: f32) -> f32 {
 fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     let entry = fragments[k].entry;
     let unlit = (entries[entry].flags & UNLIT) != 0u;
-    let has_maps = CLASS == MAPPED && (entries[entry].flags & HAS_MAPS) != 0u;
+    let has_maps = sees_maps() && (entries[entry].flags & HAS_MAPS) != 0u;
     let lit = select(entries[entry].lit, 0u, unlit);
     // Lamps, what is averaged, and responses of that.
     spend(2u * job.lamps + 2u * MOST_TASKS);
@@ -184,7 +201,7 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
             responses &= ~(2u << lamp);
         }
     }
-    if (CLASS == MAPPED) {
+    if (sees_maps()) {
         if (has_maps) {
             return m.area * light_of_maps(k, m, responses >> 1u, u);
         }
@@ -197,10 +214,8 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
         if (unlit) {
             sum = glow * luminance(surface.base);
         }
-        for (var left = task_responses[task]; left != 0u; left &= left - 1u) {
-            let number = firstTrailingBit(left);
-            let response = response_at(entry, surface.place, u, number);
-            sum += weights[number] * (dot(surface.base, response.xyz) + response.w);
+        if (task_responses[task] != 0u) {
+            sum += lit_part(k, task_moments[task], surface, task_responses[task], u);
         }
     }
     return m.area * sum;

@@ -40,7 +40,7 @@ fn count_at(round: u32) -> u32 {
 
 // Where pixel number `number` of this class is listed in a round.
 fn slot_at(round: u32, number: u32) -> u32 {
-    return (round % 2u) * batch.pixels + batch.lists[CLASS] + number;
+    return (round % 2u) * batch.pixels + batch.lists[CLASS / 4u][CLASS % 4u] + number;
 }
 
 fn level_at(log_level: f32) -> f32 {
@@ -371,7 +371,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let pixel = pixels[index];
     enter_row(pixel.bases);
     centre = pixel.centre;
-    if (CLASS == BENT) {
+    if (is_bent()) {
         enter_frame(base.points + pixel.frame);
     }
     number = pixel.number;

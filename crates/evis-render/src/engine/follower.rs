@@ -86,7 +86,7 @@ impl Followers {
     #[cfg(test)]
     pub(crate) fn with_all_passes(gpu: &Gpu) -> Result<Self, EngineError> {
         let own = Self::new(gpu)?;
-        for class in [decoupled::BENT, decoupled::MAPPED] {
+        for class in [decoupled::BENT, decoupled::MAPPED, decoupled::BENT_MAPPED] {
             pass_of(gpu, &own.passes, class)?;
         }
         Ok(own)
@@ -121,6 +121,9 @@ fn pass_of<'p>(gpu: &Gpu, passes: &'p Passes, class: usize) -> Result<&'p Comput
 /// Which pipeline a pixel has, see [`decoupled::pixels`].
 fn class_of(pixel: &Pixel) -> usize {
     match pixel.flags {
+        flags if flags & (packed::BENT | packed::MAPPED) == packed::BENT | packed::MAPPED => {
+            decoupled::BENT_MAPPED
+        }
         flags if flags & packed::BENT != 0 => decoupled::BENT,
         flags if flags & packed::MAPPED != 0 => decoupled::MAPPED,
         flags if flags & packed::PLAIN != 0 => decoupled::PLAIN,
@@ -230,7 +233,7 @@ impl Follower {
         self.write(Input::Words, bytemuck::cast_slice(&block.words))?;
         let row = size_of::<[f32; 4]>() as u64;
         let from = u64::from(block.kept_from) * row;
-        check(&self.gpu, "patches of light", from + block.kept.len() as u64 * row)?;
+        check(&self.gpu, "appearances of facets and the sky", from + block.kept.len() as u64 * row)?;
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
         if let Some(old) = self.kept.write_after(device, queue, from, bytemuck::cast_slice(&block.kept)) {
             let mut commands = Commands::new(&self.gpu, "what a device keeps");
@@ -258,8 +261,12 @@ impl Follower {
         for (number, pixel) in (0..).zip(&block.pixels) {
             numbers[class_of(pixel)].push(number);
         }
+        // Pixels that take as long lie side by side: those beside each other wait for the slowest.
+        for own in &mut numbers {
+            own.sort_by_key(|number| block.pixels[*number as usize].own_count);
+        }
         let mut going_on = numbers.each_ref().map(|own| own.len() as u32);
-        let lists = std::array::from_fn(|class| going_on[..class].iter().sum());
+        let lists = std::array::from_fn(|class| going_on.iter().take(class).sum());
         let batch = Batch { pixels: count, capacity, row: columns, jobs, light, lists, ..self.places };
         self.batch.write(device, queue, bytemuck::bytes_of(&batch));
         self.scratch.write(device, queue, bytemuck::cast_slice(&numbers.concat()));

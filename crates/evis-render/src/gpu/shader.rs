@@ -86,6 +86,7 @@ shaders![
     "decoupled/texture.wgsl",
     "decoupled/shadows.wgsl",
     "decoupled/sky.wgsl",
+    "decoupled/lit.wgsl",
     "decoupled/maps.wgsl",
     "decoupled/light.wgsl",
     "decoupled/knots.wgsl",

@@ -336,8 +336,8 @@ pub struct Batch {
     pub texels: u32,
     /// Row of textures at which light from all around begins.
     pub around: u32,
-    /// Where the pixels of each class are listed.
-    pub lists: [u32; 4],
+    /// Where the pixels of each class are listed, in rows of four.
+    pub lists: [u32; 8],
 }
 
 /// `Turn` in `decoupled/layout.wgsl`.

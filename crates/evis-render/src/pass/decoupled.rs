@@ -12,7 +12,7 @@ pub const STATE_WORDS: u32 = 28;
 /// Words per pixel that stay on the device between rounds: two lists, and what is known of it.
 pub const SCRATCH_WORDS: u32 = 2 + STATE_WORDS;
 /// Classes of pixels, which have pipelines of their own: plain ones, those behind a distorted lens, those that may see facets with
-/// maps, and all others.
+/// maps, those to which both applies, and all others.
 pub const PLAIN: usize = 0;
 /// See there.
 pub const OTHERS: usize = 1;
@@ -20,8 +20,10 @@ pub const OTHERS: usize = 1;
 pub const BENT: usize = 2;
 /// See there.
 pub const MAPPED: usize = 3;
+/// See there.
+pub const BENT_MAPPED: usize = 4;
 /// How many there are.
-pub const CLASSES: usize = 4;
+pub const CLASSES: usize = 5;
 /// Words before the events: how many there are, then how many pixels of each class go on in each round.
 pub const HEAD_WORDS: u32 = 1 + CLASSES as u32 * (ROUNDS + 1);
 

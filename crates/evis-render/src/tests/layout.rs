@@ -355,21 +355,7 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "decoupled/pixels.wgsl",
         "Entry",
-        packed::Entry {
-            points,
-            facet,
-            flags,
-            pad,
-            span,
-            cells,
-            first,
-            count,
-            patches,
-            intervals,
-            lit,
-            shades,
-            glow,
-        }
+        packed::Entry { points, facet, flags, light, span, lit, shades, glow }
     );
     same_layout!(
         "decoupled/pixels.wgsl",
@@ -607,10 +593,12 @@ fn constants_agree() {
         ("UNLIT", packed::UNLIT.into()),
         ("HAS_MAPS", packed::HAS_MAPS.into()),
         ("GLOWS_APART", packed::GLOWS_APART.into()),
+        ("SHARP", packed::SHARP.into()),
+        ("LIT_OFFSET", f64::from(light::GAUSS as f32)),
         ("GEOMETRY_ROWS", packed::GEOMETRY_ROWS as f64),
-        ("MAP_ROWS", 3.0 * packed::GEOMETRY_ROWS as f64),
-        ("MATERIAL_ROW", packed::MAPPED_ROWS as f64 - 3.0),
-        ("LIGHTS_ROW", packed::MAPPED_ROWS as f64 - 1.0),
+        ("TANGENT_ROWS", packed::TANGENT_ROWS as f64),
+        ("MATERIAL_ROW", packed::MAPPED_ROWS as f64 - 2.0),
+        ("EMISSION_ROW", packed::MAPPED_ROWS as f64 - 1.0),
         ("EYE_ROWS", packed::EYE_ROWS as f64),
         ("LIGHT_ROWS", packed::LIGHT_ROWS as f64),
         ("MAP_PLACES", light::PLACES.into()),
@@ -642,6 +630,8 @@ fn constants_agree() {
         ("PLAIN", decoupled::PLAIN as f64),
         ("BENT", decoupled::BENT as f64),
         ("MAPPED", decoupled::MAPPED as f64),
+        ("BENT_MAPPED", decoupled::BENT_MAPPED as f64),
+        ("CLASSES", decoupled::CLASSES as f64),
     ];
     for (name, value) in decoupled_constants {
         assert_eq!(constant("decoupled/pixels.wgsl", name), value, "{name}");

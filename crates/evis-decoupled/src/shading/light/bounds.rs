@@ -5,6 +5,7 @@ use glam::DVec3;
 use super::{Lighting, MOST_OWN, TileLight};
 use crate::shading::bounds::{Bounds, luminances, product};
 use crate::shading::material;
+use crate::shading::patch::range;
 
 impl TileLight {
     /// Luminances between which entry `slot` with these bounds sends light into a pixel, as far as is known which shadows it has
@@ -30,7 +31,7 @@ impl Lighting<'_> {
         self.sky.is_none().then_some(self.background)
     }
 
-    /// Bounds of the light of `facet`, entry `slot` of its tile; `None` where it has maps, or its strength changes.
+    /// Bounds of the light of `facet`, entry `slot` of its tile; `None` where no patch tells it, or its strength changes.
     pub fn bounds(&self, tile: &mut TileLight, facet: u32, slot: usize) -> Option<Bounds<MOST_OWN>> {
         tile.bounds.resize(tile.slots.len(), None);
         if tile.bounds[slot].is_none() {
@@ -53,14 +54,9 @@ impl Lighting<'_> {
         if slot.unlit {
             return Some(Bounds { steady: base.map(|base| material::LUMINANCE.dot(base)), own });
         }
-        let count = slot.count[0] * slot.count[1] * (slot.intervals as usize + 1);
-        let of = |lamp: usize| {
-            let mut range = [f64::INFINITY, f64::NEG_INFINITY];
-            for patch in &tile.patches[slot.at..slot.at + count] {
-                let [least, most] = luminances(patch.ranges[lamp], base);
-                range = [range[0].min(least), range[1].max(most)];
-            }
-            range
+        let patch = slot.patch?;
+        let of = |own: usize| {
+            luminances(range(&tile.nodes[patch.first + patch.times * own..][..patch.times]), base)
         };
         let steady = of(0).map(|light| light + answer.glow);
         lamps.for_each(|(number, _)| own[number] = of(1 + number));

@@ -1,13 +1,11 @@
 //! Light of surfaces with maps: shaded at places of what a pixel sees, at the time of an evaluation.
 
-use evis_scene::Eye;
 use glam::{DMat2, DVec2, DVec3, Vec4};
 
 use super::{Instant, Lighting, MOST_OWN, Mapped, PLACES, Part, TileLight};
 use crate::fours::Four;
 use crate::shading::material;
-use crate::shading::moments::FacetAt;
-use crate::shading::places::{LampOverTime, LightsOverTime, MappedFacet, OverTime, Points, Sent};
+use crate::shading::places::{FacetOverTime, MappedFacet, OverTime, Points, Sent};
 
 /// Where they are, as parts of the side from its middle.
 const STEPS: [f32; PLACES as usize] = [-0.375, -0.125, 0.125, 0.375];
@@ -45,38 +43,21 @@ impl Linear {
 }
 
 impl Lighting<'_> {
-    /// The eye and lamps during the block in work.
-    pub(super) fn lights_over_time(&self) -> LightsOverTime {
-        let at = [0.0, 0.5, 1.0].map(|u| self.scene_at(u));
-        let eye = |way: Eye| match way {
-            Eye::At(place) => place,
-            Eye::Along(way) => way,
-        };
-        let eyes = at.map(|(frame, _)| frame.map_or(DVec3::ZERO, |frame| eye(frame.eye)));
-        let lamp = |number: usize| {
-            let own = self.own.iter().position(|own| *own == number).map_or(0, |own| own + 1);
-            LampOverTime::new(at.map(|(_, lamps)| &lamps[number]), own)
-        };
-        LightsOverTime {
-            eye: OverTime::through(eyes),
-            is_parallel: at[0].0.is_some_and(|frame| matches!(frame.eye, Eye::Along(_))),
-            lamps: (0..self.lamps[0].len()).map(lamp).collect(),
-        }
-    }
-
-    /// A facet with maps during the block in work.
+    /// What maps add to a facet during the block in work.
     pub(super) fn mapped_facet(&self, mapped: &Mapped, facet: u32) -> &MappedFacet {
         self.mapped[facet as usize].get_or_init(|| {
-            let at = [0.0, 0.5, 1.0].map(|u| self.facet_at(facet, true, u));
-            let of = |get: fn(&FacetAt, usize) -> DVec3| {
-                [0, 1, 2].map(|corner| OverTime::through(at.each_ref().map(|at| get(at, corner))))
-            };
             let f = &self.world.facets[facet as usize];
+            let surface = f.surface as usize;
+            let [a, b, _, d] = f.corners.map(|c| c as usize);
+            let moves = self.world.surfaces[surface].moves;
+            let at = |time: usize, corner: usize| {
+                let tangents = &self.tangents[surface][if moves { time } else { 0 }];
+                tangents.get(corner).copied().unwrap_or_default()
+            };
+            let over_time = |corner: usize| OverTime::through([0, 1, 2].map(|time| at(time, corner).0));
             Box::new(MappedFacet {
-                positions: of(|at, corner| at.corners[corner].0),
-                normals: of(|at, corner| at.corners[corner].1),
-                tangents: of(|at, corner| at.tangents[corner].0),
-                signs: at[0].tangents.map(|(_, sign)| sign),
+                tangents: [a, b, d].map(over_time),
+                signs: [a, b, d].map(|corner| at(0, corner).1),
                 maps: mapped.maps.on(&self.shared.textures, self.world.primitive(f.surface), f.corners),
             })
         })
@@ -131,11 +112,12 @@ impl Lighting<'_> {
         let maps = own.maps.about(&self.shared.textures, DVec2::from_array(place), sides, 1.0 / count as f64);
 
         let at_u = |of: &[OverTime; 3]| of.each_ref().map(|v| v.at(u));
-        let corners = at_u(&own.positions);
+        let FacetOverTime { positions, normals } = self.facet_over_time(facet);
+        let corners = at_u(positions);
         let middle = corners[0] + (corners[1] - corners[0]) * place[0] + (corners[2] - corners[0]) * place[1];
         let linear = |of: [DVec3; 3], origin: DVec3| Linear::about(of, origin, place, &sides);
         let positions = linear(corners, middle);
-        let normals = linear(at_u(&own.normals), DVec3::ZERO);
+        let normals = linear(at_u(normals), DVec3::ZERO);
         let tangents = linear(at_u(&own.tangents), DVec3::ZERO);
         let signs = linear(own.signs.map(DVec3::splat), DVec3::ZERO);
         let look = &self.looks[facet as usize];

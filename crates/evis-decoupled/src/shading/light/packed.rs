@@ -1,7 +1,6 @@
 //! Light as a device is given it.
 
 use std::collections::HashMap;
-use std::sync::Arc;
 
 use evis_scene::environment::FACES;
 use evis_scene::motion::{WaveShape, Waveform};
@@ -25,16 +24,12 @@ pub struct RowPacker {
     centre: [f64; 2],
     /// Seconds of the scene at the start of the block, and during it.
     times_s: [f64; 2],
-    /// By record, and by facet that throws shadows: its first row of points.
+    /// By record, by facet that throws shadows, and by facet that is lit: its first row of points.
     records: HashMap<u32, u32, Words>,
     casters: HashMap<u32, u32, Words>,
-    /// By where a patch is: its number.
-    patches: HashMap<usize, u32, Words>,
-    /// Whether the device has maps beside those of base colour; by record, the first row of what it needs of them, and that of
-    /// lights.
+    lit: HashMap<u32, u32, Words>,
+    /// Whether the device has maps beside those of base colour.
     has_maps: bool,
-    mapped: HashMap<u32, u32, Words>,
-    lights: Option<u32>,
 }
 
 impl RowPacker {
@@ -42,19 +37,15 @@ impl RowPacker {
     /// other maps than those of base colour.
     pub fn begin(&mut self, centre: [f64; 2], times_s: [f64; 2], has_maps: bool) {
         (self.centre, self.times_s, self.has_maps) = (centre, times_s, has_maps);
-        self.mapped.clear();
-        self.lights = None;
-        let packed::Row { entries, words, points, patches, patch_words, pixels, light } = &mut self.row;
+        let packed::Row { entries, words, points, pixels, light } = &mut self.row;
         entries.clear();
         words.clear();
         points.clear();
-        patches.clear();
-        patch_words.clear();
         pixels.clear();
         *light = 0;
         self.records.clear();
         self.casters.clear();
-        self.patches.clear();
+        self.lit.clear();
     }
 
     /// Whether the device has other maps than those of base colour.
@@ -145,13 +136,11 @@ impl Shared {
                 plain[texture.texture].means |= maps.is_none();
             }
         }
-        if !has_maps || self.textures.packed_bytes(&all) > most {
-            return (self.textures.pack(&plain), false);
-        }
-        let mut packed = self.textures.pack(&all);
+        has_maps &= self.textures.packed_bytes(&all) <= most;
+        let mut packed = self.textures.pack(if has_maps { &all } else { &plain });
         packed.around = packed.rows.len() as u32;
         self.around.pack(&mut packed.rows);
-        (packed, true)
+        (packed, has_maps)
     }
 }
 
@@ -161,46 +150,53 @@ impl Lighting<'_> {
         self.answers[self.world.facets[facet as usize].surface as usize].maps.is_some()
     }
 
-    /// Where what a device needs of a facet with maps is, `record`, number `index` of the block; `mapped` are these.
-    fn pack_maps(&self, mapped: &Mapped, record: &Record, index: u32, packer: &mut RowPacker) -> u32 {
-        if let Some(first) = packer.mapped.get(&index) {
-            return *first;
-        }
+    /// Begins a row's points with the eye and lamps.
+    pub fn pack_lights(&self, packer: &mut RowPacker) {
         let LightsOverTime { eye, is_parallel, lamps } = &self.lights_over_time;
-        let lights = *packer.lights.get_or_insert_with(|| {
-            let points = &mut packer.row.points;
+        let mut rows = eye.rows(f32::from(u8::from(*is_parallel)));
+        rows[1][3] = f32::from_bits(lamps.len() as u32);
+        packer.row.points.extend(rows);
+        packer.row.points.extend(lamps.iter().flat_map(LampOverTime::pack));
+    }
+
+    /// Where the geometry of a facet is, and what a device needs of its maps.
+    fn pack_lit(&self, facet: u32, packer: &mut RowPacker) -> u32 {
+        let points = &mut packer.row.points;
+        *packer.lit.entry(facet).or_insert_with(|| {
             let first = points.len() as u32;
-            points.extend(eye.rows(f32::from(u8::from(*is_parallel))));
-            points.extend(lamps.iter().flat_map(LampOverTime::pack));
+            points.extend(self.facet_over_time(facet).rows());
+            let answer = &self.answers[self.world.facets[facet as usize].surface as usize];
+            if let Some(mapped) = &answer.maps {
+                points.extend(self.pack_maps(mapped, facet));
+            }
             first
-        });
-        let own = self.mapped_facet(mapped, record.facet);
+        })
+    }
+
+    /// What a device needs of the maps of a facet.
+    fn pack_maps(
+        &self,
+        mapped: &Mapped,
+        facet: u32,
+    ) -> [[f32; 4]; packed::MAPPED_ROWS - packed::GEOMETRY_ROWS] {
+        let own = self.mapped_facet(mapped, facet);
         let (maps, [normal_scale, occlusion]) = own.maps.pack();
-        let facet = self.world.facets[record.facet as usize];
-        let answer = &self.answers[facet.surface as usize];
-        let mut rows = [[0.0; 4]; packed::MAPPED_ROWS];
-        for (kind, corners) in [&own.positions, &own.normals, &own.tangents].into_iter().enumerate() {
-            for (corner, over_time) in corners.iter().enumerate() {
-                let last = if kind == 2 { own.signs[corner] as f32 } else { 0.0 };
-                for (power, row) in over_time.rows(last).into_iter().enumerate() {
-                    rows[packed::GEOMETRY_ROWS * power + 3 * kind + corner] = row;
-                }
+        let answer = &self.answers[self.world.facets[facet as usize].surface as usize];
+        let mut rows = [[0.0; 4]; packed::MAPPED_ROWS - packed::GEOMETRY_ROWS];
+        for (corner, over_time) in own.tangents.iter().enumerate() {
+            for (power, row) in over_time.rows(own.signs[corner] as f32).into_iter().enumerate() {
+                rows[3 * power + corner] = row;
             }
         }
-        let (_, others) = rows.split_at_mut(3 * packed::GEOMETRY_ROWS);
+        let (_, others) = rows.split_at_mut(packed::TANGENT_ROWS);
         others[..2 * packed::MAPS].copy_from_slice(maps.as_flattened());
         let glow = mapped.emissive * material::LUMINANCE;
         let shines = f32::from(u8::from(answer.model == ShadingModel::MetallicRoughness));
-        let lamps = lamps.len() as u32;
         others[2 * packed::MAPS..].copy_from_slice(&[
             [mapped.metallic as f32, mapped.roughness as f32, normal_scale, occlusion],
             [glow.x as f32, glow.y as f32, glow.z as f32, shines],
-            packed::as_floats([lights, lamps, 0, 0]),
         ]);
-        let first = packer.row.points.len() as u32;
-        packer.row.points.extend(rows);
-        packer.mapped.insert(index, first);
-        first
+        rows
     }
 
     /// Of what [`Lighting::pack_looks`] returns: another one where that is something else.
@@ -211,7 +207,9 @@ impl Lighting<'_> {
     /// Appearances of all facets.
     pub fn pack_looks(&self) -> Vec<[f32; 4]> {
         let mut rows = Vec::with_capacity(self.looks.len() * packed::LOOK_ROWS);
-        for look in &self.looks {
+        for (look, facet) in self.looks.iter().zip(&self.world.facets) {
+            let answer = &self.answers[facet.surface as usize];
+            let shines = f32::from(u8::from(answer.model == ShadingModel::MetallicRoughness));
             let texture = look.texture.map_or(0, |number| number as u32 + 1);
             let row = |v: glam::DVec3, w: f32| [v.x as f32, v.y as f32, v.z as f32, w];
             let [along_s, along_t] = if look.shaded { look.base_along } else { Default::default() };
@@ -221,6 +219,7 @@ impl Lighting<'_> {
                 row(along_s, origin_s),
                 row(along_t, origin_t),
                 std::array::from_fn(|k| look.along.as_flattened()[k] as f32),
+                [answer.metallic as f32, answer.roughness as f32, answer.occlusion as f32, shines],
             ];
             rows.extend(own);
         }
@@ -266,10 +265,6 @@ impl Lighting<'_> {
             points: packer.points_of(record, index),
             facet: record.facet,
             span: record.u.map(|u| u as f32),
-            cells: light.cells.map(|v| v as f32),
-            first: light.first.map(|v| v as f32),
-            count: light.count.map(|v| v as u32),
-            intervals: light.intervals,
             lit: light.lit.into(),
             ..packed::Entry::default()
         };
@@ -278,32 +273,20 @@ impl Lighting<'_> {
             (record.mirrored, packed::MIRRORED),
             (record.crosses_near, packed::CROSSES_NEAR),
             (record.crosses_far, packed::CROSSES_FAR),
-            (answer.model == ShadingModel::Unlit, packed::UNLIT),
+            (light.unlit, packed::UNLIT),
+            (light.patch.is_none(), packed::SHARP),
+            (answer.maps.is_some(), packed::HAS_MAPS),
+            (answer.maps.is_some() && answer.waveform.is_some(), packed::GLOWS_APART),
         ] {
             entry.flags |= if holds { flag } else { 0 };
         }
-        let is_factor = answer.model == ShadingModel::Unlit || answer.maps.is_some();
+        let is_factor = light.unlit || answer.maps.is_some();
         let emitted = if is_factor { 1.0 } else { answer.glow };
         entry.glow = wave(answer.waveform, emitted, packer.times_s);
-        if let Some(mapped) = &answer.maps {
-            entry.flags |= packed::HAS_MAPS;
-            entry.flags |= if answer.waveform.is_some() { packed::GLOWS_APART } else { 0 };
-            entry.patches = self.pack_maps(mapped, record, index, packer);
+        if !light.unlit {
+            entry.light = self.pack_lit(record.facet, packer);
         }
         let row = &mut packer.row;
-        let patches = row.words.len();
-        let moments = if light.unlit || answer.maps.is_some() { 0 } else { light.intervals as usize + 1 };
-        for patch in &tile.patches[light.at..][..moments * light.count[0] * light.count[1]] {
-            let number = *packer.patches.entry(packed::place_of(&patch.rows)).or_insert_with(|| {
-                row.patches.push(Arc::clone(&patch.rows));
-                row.patches.len() as u32 - 1
-            });
-            row.words.push(number);
-        }
-        if answer.maps.is_none() {
-            entry.patches = patches as u32;
-            row.patch_words.push(patches..row.words.len());
-        }
         entry.shades = row.words.len() as u32;
         let mut lists = entry.shades as usize + packed::SHADE_WORDS * self.own.len();
         row.words.resize(lists, 0);

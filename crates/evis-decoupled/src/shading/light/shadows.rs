@@ -6,28 +6,27 @@ use std::sync::{Arc, OnceLock};
 use glam::DVec3;
 
 use super::{
-    Casters, Corners, Instant, Key, Lighting, MOST_OWN, Part, Shade, Shadowed, Slot, TileLight, WHOLE,
-    part_between, sphere,
+    Casters, Instant, Key, Lighting, MOST_OWN, Part, Shade, Shadowed, Slot, TileLight, WHOLE, part_between,
+    sphere,
 };
-use crate::Error;
 use crate::scene::facets::{ALONE, wide};
 use crate::scene::tiles::{TILE, TileView};
-use crate::shading::material::{self, Lamp};
+use crate::scene::world::Frame;
 use crate::shading::shadow::{Beam, DarkSpace, Hull, Occluder, Reached, Receiver, ScreenLamp, Tree};
-use crate::visibility::blocks::Clock;
 use crate::visibility::coverage::Moments;
 use crate::visibility::fragment::Sight;
 use crate::visibility::lists::Record;
 
+/// The start and end of a block, among its start, middle and end.
+const ENDS: [usize; 2] = [0, 2];
+
 impl Lighting<'_> {
-    /// What may throw shadows during the block of `clock`; `first` of all blocks also what never moves.
-    pub(super) fn prepare_shadows(&mut self, clock: &mut Clock, first: bool) -> Result<(), Error> {
+    /// What may throw shadows during the block of these `frames`; `first` of all blocks also what never moves.
+    pub(super) fn prepare_shadows(&mut self, frames: &[Frame; 3], first: bool) {
         let world = self.world;
-        let frames = clock.thirds()?;
         self.depths = frames[0].depths;
         self.screen = frames.each_ref().map(|f| f.screen_from_world);
-        let lamps: [Vec<Lamp>; 3] =
-            frames.each_ref().map(|f| material::lamps(world.scene, f, &world.moving_nodes));
+        let lamps = &self.lamps;
         self.screen_lamps.clear();
         self.lamp_places.clear();
         for &index in &self.own {
@@ -42,7 +41,7 @@ impl Lighting<'_> {
                 let surface = f.surface as usize;
                 (shadows && !world.surfaces[surface].moves).then(|| {
                     let (centre, radius) =
-                        sphere(f.corners.map(|c| self.corners[surface][0][c as usize].0).into_iter());
+                        sphere(f.corners.map(|c| self.vertices[surface][0][c as usize].0).into_iter());
                     (centre, radius, index as u32)
                 })
             });
@@ -50,14 +49,13 @@ impl Lighting<'_> {
             for spaces in self.dark_spaces.iter_mut().take(if shadows { self.own.len() } else { 0 }) {
                 spaces.resize_with(world.facets.len(), OnceLock::new);
             }
-            self.middle = vec![Corners::new(); world.surfaces.len()];
             self.moving_facets.resize_with(world.surfaces.len(), Tree::default);
             self.own_facets.resize_with(world.surfaces.len(), Tree::default);
             self.own_lamps.resize_with(world.surfaces.len(), Vec::new);
         }
         self.moving = Tree::default();
         if !shadows {
-            return Ok(());
+            return;
         }
         self.occluders.clear();
         self.occluders.resize_with(world.facets.len(), OnceLock::new);
@@ -65,16 +63,15 @@ impl Lighting<'_> {
         let mut moving = Vec::new();
         for (index, surface) in world.surfaces.iter().enumerate() {
             if first || lamps_move || surface.moves {
-                self.find_far_sides(index);
+                self.find_far_sides(index, frames);
             }
             if !surface.moves {
                 continue;
             }
-            self.middle[index] = world.vertices(index as u32, &frames[1]);
-            let places = [&self.corners[index][0], &self.middle[index], &self.corners[index][1]];
+            let places = &self.vertices[index];
             let facets = || world.clusters[surface.clusters.clone()].iter().flat_map(|c| c.facets.clone());
             let spheres = facets().map(|facet| {
-                let points = world.facets[facet].corners.map(|c| places.map(|p| p[c as usize].0));
+                let points = world.facets[facet].corners.map(|c| places.each_ref().map(|p| p[c as usize].0));
                 let (centre, radius) = sphere(points.into_iter().flatten());
                 // An arc between the three places bulges by less than a quarter of its chord.
                 let travel = points.iter().map(|p| p[0].distance(p[2])).fold(0.0, f64::max);
@@ -105,20 +102,19 @@ impl Lighting<'_> {
                 .collect();
         }
         self.moving = Tree::new(moving.into_iter());
-        Ok(())
     }
 
     /// Which sides of a surface's facets lamps see, and which facets of a solid face away from lamps outside of it.
-    pub(super) fn find_far_sides(&mut self, surface: usize) {
+    fn find_far_sides(&mut self, surface: usize, frames: &[Frame; 3]) {
         let s = &self.world.surfaces[surface];
         let facets = self.world.clusters[s.clusters.clone()].iter().flat_map(|c| c.facets.clone());
-        let Some(frames) = &self.frames else { return };
-        let poses = [0, 1].map(|end| frames[end].world_from_node(s.node));
+        let poses = ENDS.map(|end| frames[end].world_from_node(s.node));
         let mirrored = poses.map(|p| !s.deforms && p.determinant() < 0.0);
         let inverse = poses.map(|p| p.inverse());
         let mut inside = 0_u8;
         for (number, &lamp) in self.own.iter().enumerate() {
-            for (lamps, inverse) in self.lamps.iter().zip(&inverse) {
+            for (end, inverse) in ENDS.into_iter().zip(&inverse) {
+                let lamps = &self.lamps[end];
                 let (place, weight) = lamps[lamp].place();
                 let own = inverse.transform_point3(place);
                 let within = s.deforms || (own.cmpge(s.bounds[0]) & own.cmple(s.bounds[1])).all();
@@ -128,13 +124,13 @@ impl Lighting<'_> {
         for facet in facets {
             let mut facing = [0; 2];
             for (number, &lamp) in self.own.iter().enumerate() {
-                let heights = [0, 1].map(|end| {
-                    let corners = &self.corners[surface][end];
+                let heights = [0, 1].map(|k| {
+                    let corners = self.vertices_at(surface, ENDS[k]);
                     let [p, q, _, r] = self.world.facets[facet].corners.map(|c| corners[c as usize].0);
-                    let (place, weight) = self.lamps[end][lamp].place();
+                    let (place, weight) = self.lamps[ENDS[k]][lamp].place();
                     // Outwards, unless the pose mirrors.
                     let normal = (q - p).cross(r - p);
-                    normal.dot(place - p * weight) * if mirrored[end] { -1.0 } else { 1.0 }
+                    normal.dot(place - p * weight) * if mirrored[k] { -1.0 } else { 1.0 }
                 });
                 facing[0] |= u8::from(heights.iter().all(|h| *h > 0.0)) << number;
                 facing[1] |= u8::from(heights.iter().all(|h| *h < 0.0)) << number;
@@ -215,7 +211,7 @@ impl Lighting<'_> {
         let surface = f.surface as usize;
         let (mut receiver, mut tile_units, mut part) = (None, None, None);
         for (number, &lamp) in self.own.iter().enumerate() {
-            let [a, b] = [0, 1].map(|end| &self.lamps[end][lamp]);
+            let [a, b] = ENDS.map(|end| &self.lamps[end][lamp]);
             if slot.lit >> number & 1 == 0 || !a.casts_shadow || slot.shades[number].dark == u64::MAX {
                 continue;
             }
@@ -233,8 +229,8 @@ impl Lighting<'_> {
                 continue;
             }
             // A sphere about the part of the facet, at both ends.
-            let ends = [0, 1].map(|end| {
-                let corners = &self.corners[surface][end];
+            let ends = ENDS.map(|end| {
+                let corners = self.vertices_at(surface, end);
                 part_between(f.corners.map(|c| corners[c as usize].0), slot.range)
             });
             let points = ends.as_flattened();
@@ -410,8 +406,8 @@ impl Lighting<'_> {
         let mut all_dark = true;
         for j in 0..slot.count[1] {
             for i in 0..slot.count[0] {
-                let index = [slot.first[0] as u32 + i as u32, slot.first[1] as u32 + j as u32];
-                let known = self.shadowed(Key::new(facet, slot.level, index, true, number as u64), number);
+                let index = [slot.first[0] + i, slot.first[1] + j];
+                let known = self.shadowed(Key::new(facet, slot.level, index, number), number);
                 all_dark &= known.dark;
                 if let Casters::Still = casters {
                     tile.found.extend_from_slice(&known.facets);
@@ -443,7 +439,7 @@ impl Lighting<'_> {
     /// World corners of a facet at the start of the block.
     fn corners_of(&self, facet: u32) -> [DVec3; 4] {
         let f = &self.world.facets[facet as usize];
-        f.corners.map(|c| self.corners[f.surface as usize][0][c as usize].0)
+        f.corners.map(|c| self.vertices[f.surface as usize][0][c as usize].0)
     }
 
     /// Whether still facet `id` may throw a shadow of lamp `number`, which is still, on a still `cell`, which lies beyond the walls `before`.
@@ -454,10 +450,8 @@ impl Lighting<'_> {
     /// World corners of a facet at the start, middle and end of the block.
     pub(super) fn places_of(&self, facet: u32) -> [[DVec3; 4]; 3] {
         let f = &self.world.facets[facet as usize];
-        let surface = f.surface as usize;
-        let ends = &self.corners[surface];
-        let middle = if self.world.surfaces[surface].moves { &self.middle[surface] } else { &ends[0] };
-        [&ends[0], middle, &ends[1]].map(|corners| f.corners.map(|c| corners[c as usize].0))
+        let times = [0, 1, 2].map(|time| self.vertices_at(f.surface as usize, time));
+        times.map(|corners| f.corners.map(|c| corners[c as usize].0))
     }
 
     /// The same of the part of it in a range of (s, t).
@@ -472,18 +466,9 @@ impl Lighting<'_> {
     }
 
     pub(super) fn new_occluder(&self, facet: u32) -> Occluder {
-        let f = &self.world.facets[facet as usize];
-        let surface = f.surface as usize;
-        let moves = self.world.surfaces[surface].moves;
-        let ends = &self.corners[surface];
-        let places = [&ends[0], if moves { &self.middle[surface] } else { &ends[0] }, &ends[1]];
-        let h = f.corners.map(|c| {
-            [0, 1, 2].map(|k| {
-                let place = if moves { places[k] } else { places[0] };
-                self.screen[k].point(place[c as usize].0)
-            })
-        });
-        Occluder::new(facet, h)
+        let places = self.places_of(facet);
+        let of = |corner: usize| [0, 1, 2].map(|time| self.screen[time].point(places[time][corner]));
+        Occluder::new(facet, [0, 1, 2, 3].map(of))
     }
 
     /// Half planes of the shadows that fall on entry `slot` from lamp `number` at `moment` of the tile: a range.

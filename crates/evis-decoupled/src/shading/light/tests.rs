@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::scene::contour::area;
+use crate::visibility::blocks::Block;
 use crate::visibility::lists::Lists;
 
 /// `scene` with its solids dented: each vertex moves along its normal, those at one place as far.
@@ -42,7 +43,7 @@ fn nothing_that_darkens_is_left_out(
     let mut clock = Clock::new(&world, block);
     let lists = Lists::new(&world, &mut clock).unwrap();
     let mut lighting = Lighting::new(&world, &Shared::new(scene));
-    lighting.prepare(&mut clock, &block).unwrap();
+    lighting.prepare(&mut clock).unwrap();
     let (mut compared, mut darkened, mut off, mut canary) = (0, 0, 0, 0);
     let mut tile = TileLight::default();
     let u = 0.3;
@@ -104,6 +105,122 @@ fn nothing_that_darkens_is_left_out(
     assert!(compared > 100 && darkened > 20 && canary > 3);
     // Areas of slivers are counted by few samples.
     assert!(off * 50 < compared, "{off} of {compared}");
+}
+
+/// Glossy cards that spin at rates of their own under a sun and a narrow lamp, so that each flashes at another time.
+fn plates() -> evis_scene::Scene {
+    use evis_scene::motion::Path;
+    use evis_scene::{Camera, Lens, LightKind, Motion, Node, Trs, primitive::Shape};
+    let mut scene = evis_scene::Scene { ambient: [0.1; 3], ..Default::default() };
+    scene.materials.push(Material {
+        model: ShadingModel::MetallicRoughness,
+        roughness: 0.3,
+        metallic: 0.0,
+        double_sided: true,
+        ..Material::default()
+    });
+    let mut next = crate::scene::testing::numbers(5);
+    for k in 0..60 {
+        let card = Shape::Card { size: [0.3, 0.3] }.build(None, [1.0; 2]).unwrap();
+        let translation = DVec3::new(f64::from(k % 10) * 0.35 - 1.6, f64::from(k / 10) * 0.35 - 0.9, 0.0);
+        let rotation = glam::DQuat::from_rotation_y(6.0 * next());
+        let start = Trs { translation, rotation, ..Trs::default() };
+        let path = Path::Spin { start, axis: DVec3::Y, rate: 0.2 + 8.0 * next() * next() };
+        crate::scene::testing::add(&mut scene, card, Motion::Path(path.into()));
+    }
+    let spot = LightKind::Spot { inner: 0.02, outer: 0.05 };
+    for (number, (kind, intensity)) in [(LightKind::Directional, 2.0), (spot, 30.0)].into_iter().enumerate() {
+        scene
+            .lights
+            .push(evis_scene::Light { casts_shadow: true, ..evis_scene::Light::new("", kind, intensity) });
+        let start = Trs { translation: DVec3::new(0.5, 0.4, 3.0), ..Trs::default() };
+        let path = Path::Spin { start, axis: DVec3::new(0.5, 1.0, 0.0).normalize(), rate: 0.4 };
+        scene.add_node(Node { light: Some(number), motion: Motion::Path(path.into()), ..Node::default() });
+    }
+    let camera = Motion::Fixed(glam::DMat4::from_translation(DVec3::Z * 3.0));
+    let node = scene.add_node(Node { motion: camera, ..Node::default() });
+    scene.cameras.push(Camera::new("camera", node, Lens::FieldOfView { fov_y: 0.7 }));
+    scene
+}
+
+#[test]
+fn patches_say_what_places_of_their_facets_do() {
+    let of = |name| evis_scene::builtin::load(name, 0).unwrap();
+    let scenes = [
+        ("warehouse", of("warehouse")),
+        ("desk", of("desk")),
+        ("street", of("street")),
+        ("solids", crate::scene::testing::solids()),
+        ("plates", plates()),
+    ];
+    let mut next = crate::scene::testing::numbers(11);
+    let mut unlike = 0;
+    for (name, scene) in &scenes {
+        let world = World::new(scene, 0, Some((160, 120))).unwrap();
+        let shared = Shared::new(scene);
+        let mut lighting = Lighting::new(&world, &shared);
+        let mut tile = TileLight::default();
+        let (mut offs, mut others, mut canary) = (Vec::new(), 0, 0);
+        let length_us = world.block_us(32_768) as f64;
+        for number in [3.0, 4.0] {
+            let [start_us, end_us] = [number, number + 1.0].map(|border| border * length_us);
+            let mut clock = Clock::new(&world, Block { start_us, end_us, jump: false });
+            let lists = Lists::new(&world, &mut clock).unwrap();
+            lighting.prepare(&mut clock).unwrap();
+            for (row, column) in (0..lists.row_count()).flat_map(|r| (0..lists.columns).map(move |c| (r, c)))
+            {
+                let entries = &lists.row(&world, row)[column].entries;
+                lighting.enter_tile(&mut tile, entries, [column, row]);
+                for (slot, entry) in entries.iter().enumerate() {
+                    let record = &lists.records[entry.record as usize];
+                    lighting.ready(&mut tile, record, entry.record, slot);
+                    let Slot { patch, range: [low, high], .. } = tile.slots[slot];
+                    others += usize::from(patch.is_none());
+                    let u = next();
+                    let sight = Sight::new(record, &tile.view, u, &lighting.depths);
+                    let (Some(sight), true) = (sight, patch.is_some() && record.u == [0.0, 1.0]) else {
+                        continue;
+                    };
+                    let places =
+                        std::array::from_fn(|_| [0, 1].map(|k| low[k] + next() * (high[k] - low[k])));
+                    let side = if sight.front { 1.0 } else { -1.0 };
+                    let facet = lighting.lit_facet((record.facet, side), u, places[0]);
+                    let points = facet.points(&places);
+                    let (pixel, frame) = (0, tile.view.pixel(0));
+                    let part =
+                        Part { slot, sight: &sight, moments: &Moments::PIXEL, regions: None, pixel, frame };
+                    let base =
+                        lighting.answers[world.facets[record.facet as usize].surface as usize].mean_base;
+                    let base = base.as_vec3().max(glam::Vec3::splat(0.05)).extend(1.0);
+                    let mut sums = [[0.0_f32; 2]; 4];
+                    for own in 0..=lighting.own.len() {
+                        let exact = facet.response(&points, own, &shared.around).rows();
+                        for (k, sum) in sums.iter_mut().enumerate() {
+                            let at = Instant { moment: 0, u, t_s: 0.0 };
+                            let answers = lighting.answers(&mut tile, &part, places[k], &at);
+                            sum[0] += lighting.answer(&tile, &answers, own).dot(base);
+                            sum[1] += Vec4::from_array(exact[k]).dot(base);
+                        }
+                    }
+                    let off = |[found, exact]: [f32; 2]| (found - exact).abs() / (exact + 0.01);
+                    offs.extend(sums.map(off));
+                    canary += usize::from(off([sums[0][0], sums[1][1]]) > 0.01);
+                }
+            }
+        }
+        offs.sort_unstable_by(f32::total_cmp);
+        let at = |part: f64| offs[(part * (offs.len() - 1) as f64) as usize];
+        println!(
+            "{name}: {} places, {others} without patches; off by {:.5}, 99.9 %: {:.5}, at most {:.5}; {canary}",
+            offs.len(),
+            at(0.5),
+            at(0.999),
+            at(1.0)
+        );
+        assert!(offs.len() > 1000 && at(0.999) < 0.005 && at(1.0) < 0.05, "{name}");
+        unlike += canary;
+    }
+    assert!(unlike > 10_000, "{unlike} unlike their neighbours");
 }
 
 #[test]

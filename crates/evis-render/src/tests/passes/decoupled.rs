@@ -300,9 +300,15 @@ fn what_a_device_cannot_follow_the_processor_does_and_runs_give_the_same_bytes()
 fn a_device_sees_through_distorted_lenses() {
     let Some(gpu) = crate::tests::device() else { return };
     let devices = Arc::new(Followers::new(&gpu).unwrap());
-    for name in ["street", "warehouse"] {
-        let mut scene = evis_scene::builtin::load(name, 0).unwrap();
-        scene.environment = Some(Environment::studio());
+    let under_sky = |name| Scene {
+        environment: Some(Environment::studio()),
+        ..evis_scene::builtin::load(name, 0).unwrap()
+    };
+    for (name, mut scene) in [
+        ("street", under_sky("street")),
+        ("warehouse", under_sky("warehouse")),
+        ("maps", moving(raster_scenes::diffuse())),
+    ] {
         let camera = &mut scene.cameras[0];
         camera.lens = Lens::Intrinsics { fx: 90.0, fy: 91.0, cx: 61.0, cy: 44.0 };
         (camera.width, camera.height) = (Some(120), Some(90));
@@ -311,6 +317,8 @@ fn a_device_sees_through_distorted_lenses() {
         let settings = settings((120, 90));
         let outcome = simulated(&Arc::new(Tampers::new(&devices, Tampering::None)), &scene, &settings);
         assert_alike(name, &simulate(&scene, &settings).unwrap(), &outcome);
+        let report = outcome.report;
+        assert!(name != "maps" || 10 * report.on_device > 9 * report.evaluations, "{report:?}");
         // Canary: the lens matters.
         scene.distortions.clear();
         let plain = simulate(&scene, &settings).unwrap();
@@ -399,9 +407,11 @@ fn stages_on_a_device_take_light_that_stays_there() {
         if name == "noisy" {
             let mut few = Followers::new(&gpu).unwrap();
             few.most_light = 1;
-            let few = Arc::new(Tampers::new(&Arc::new(few), Tampering::Room(200_000)));
+            let few = Arc::new(Tampers::new(&Arc::new(few), Tampering::Room(120_000)));
             let again = simulated(&few, scene, &settings);
-            assert!(again.events == outcome.events && few.followed.lock().unwrap()[0] > 20, "{name}");
+            assert!(again.events == outcome.events, "{name}: a row or two at a time");
+            let followed = few.followed.lock().unwrap()[0];
+            assert!(followed > 20, "{name}: {followed} followed");
         }
     }
 }
