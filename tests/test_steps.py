@@ -13,6 +13,9 @@ pytestmark = pytest.mark.filterwarnings("ignore:nothing moves")
 STEP_US = 10_000
 THRESHOLD = 0.1
 SIZE = (48, 36)
+#: Pictures to compare with have this many pixels per pixel along each axis. Highlights are narrower than
+#: a pixel, and the 64 samples of one are off by up to three thresholds there.
+FINER = 4
 GREY = {"color": (0.3, 0.3, 0.3)}
 RED = {"color": (0.9, 0.2, 0.1)}
 
@@ -67,12 +70,13 @@ def simulator(device: evis.Device, name: str, of: evis.Scene | None = None, **mo
 
 
 def pictures(device: evis.Device, *scenes: evis.Scene) -> list[np.ndarray]:
-    """Log luminance of scenes at rest, as fresh simulators of them see it."""
+    """Log luminance of scenes at rest, as fresh simulators of them see it with 1024 samples per pixel."""
     found = []
     for one in scenes:
         sim = evis.Simulator(
             one,
             device=device,
+            size=(SIZE[0] * FINER, SIZE[1] * FINER),
             method="native",
             rate_hz=1000.0,
             samples=64,
@@ -81,7 +85,8 @@ def pictures(device: evis.Device, *scenes: evis.Scene) -> list[np.ndarray]:
             reference_luminance=0.3,
             shadows="rays",
         )
-        found.append(np.log(np.asarray(sim.step(20_000).labels["frame"].images[0], dtype=np.float64)))
+        image = np.asarray(sim.step(20_000).labels["frame"].images[0], dtype=np.float64)
+        found.append(np.log(image.reshape(SIZE[1], FINER, SIZE[0], FINER).mean(axis=(1, 3))))
     return found
 
 
@@ -193,8 +198,7 @@ def test_a_material_changes_at_the_start_of_a_step(
     events = sim.step(2 * STEP_US, materials={"painted": change}).events
     assert events["t"].min() >= STEP_US
     assert events["t"].max() <= STEP_US + LAST_US[name]
-    # Decoupled sampling interpolates highlights.
-    assert explained(events, was, becomes) > (0.95 if model == "metallic_roughness" else 0.97)
+    assert explained(events, was, becomes) > 0.97
     assert explained(events, becomes, was) < 0.2, "canary"
     again = sim.step(3 * STEP_US, materials={"painted": change})
     assert len(again.events) == 0, "the same values are no change"
