@@ -44,7 +44,7 @@ impl Device for IdleDevice {
     }
 
     fn follow(&mut self, block: &mut Block) -> Result<Found, Error> {
-        self.0.pixels.fetch_add(block.pixels.len() as u64, Ordering::Relaxed);
+        self.0.pixels.fetch_add(block.pixel_count() as u64, Ordering::Relaxed);
         for (sum, bytes) in
             self.0.bytes.iter().zip(block.bytes().into_iter().chain([size_of_val(&block.kept[..])]))
         {

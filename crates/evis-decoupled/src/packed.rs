@@ -1,12 +1,15 @@
 //! What a device is given of a block, as `shaders/decoupled/layout.wgsl` reads it: 32 bits, indices in the place of references.
 //!
 //! Indices of a row of tiles count from where that row's own arrays begin, so that rows are packed in parallel and joined by
-//! copies. What stays from block to block, or is part of several rows, is kept by the device and goes up once ([`Kept`]).
+//! copies. What stays from block to block, or is part of several rows, is kept by the device and goes up once ([`Kept`]). It prepares the
+//! pixels of tiles ([`Tile`]), and what these remember stays there ([`Memory`]).
 
 use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
+/// Pixels of a tile, 8 by 8, row by row.
+pub const PIXELS: usize = 64;
 /// Most lamps whose light is kept apart, as there are bits in a byte; further ones throw no shadows.
 pub const MOST_OWN: usize = 8;
 
@@ -34,11 +37,13 @@ pub const HAS_MAPS: u32 = 32;
 pub const GLOWS_APART: u32 = 64;
 /// [`Entry::flags`]: no polynomial tells its light, which is found at several places of each part of a pixel.
 pub const SHARP: u32 = 128;
-/// [`Pixel::flags`]: there is light before the last.
+/// [`Entry::flags`]: its light has [`Entry::bounds`].
+pub const BOUNDED: u32 = 256;
+/// [`Memory::flags`], [`Pixel::flags`]: there is light before the last.
 pub const HAS_BEFORE: u32 = 1;
-/// [`Pixel::flags`]: it was not followed through the block before.
+/// [`Memory::flags`], [`Pixel::flags`]: it was not followed through the block before.
 pub const RESTED: u32 = 2;
-/// [`Pixel::flags`]: it was never followed, and its reference is what it sees at the start.
+/// [`Memory::flags`], [`Pixel::flags`]: it was never followed, and its reference is what it sees at the start.
 pub const BEGINS: u32 = 4;
 /// [`Pixel::flags`]: one facet fills it throughout, and no shadow comes into it.
 pub const PLAIN: u32 = 8;
@@ -96,8 +101,8 @@ pub struct Job {
     pub flags: u32,
     /// Row of [`Block::kept`]'s array at which appearances of facets begin.
     pub looks: u32,
-    /// Unit of the block at which light is found where it is all that is wanted.
-    pub unit: u32,
+    /// Number of the view's block, from 1; where light is all that is wanted, the unit of the block at which it is found.
+    pub number: u32,
     /// Row of [`Block::kept`]'s array at which the sky begins, see [`Sky`].
     pub sky: u32,
     /// Its levels; 0 where `background` lies behind everything.
@@ -134,6 +139,106 @@ pub struct Entry {
     pub shades: u32,
     /// Emitted luminance; of an unlit surface the factor of its base colour.
     pub glow: Wave,
+    /// Pixels of its tile that may see it, low and high word.
+    pub touches: [u32; 2],
+    /// Those that it fills throughout.
+    pub covers: [u32; 2],
+    /// Those into which a shadow of what moves may come.
+    pub moved: [u32; 2],
+    /// How closely a pixel that sees it is followed, see [`pace`].
+    pub pace: u32,
+    /// The same of one into which such a shadow may come.
+    pub moved_pace: u32,
+    /// First word of its light's bounds, least and most luminance: of what no shadow falls on, then of each lamp that is kept apart.
+    pub bounds: u32,
+    /// Zero.
+    pub pad: [u32; 3],
+}
+
+/// How closely a pixel is followed: units between evaluations, and above [`PACE_BITS`] those to which intervals are halved at most,
+/// which are at least 1. 0 of what stays as it is.
+pub const fn pace(stride: u32, least: u32) -> u32 {
+    stride | least << PACE_BITS
+}
+
+/// See [`pace`].
+pub const PACE_BITS: u32 = 16;
+
+/// A tile whose pixels a device prepares from its entries, and keeps.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Tile {
+    /// Its first pixel's middle, from the picture's centre.
+    pub first: [f32; 2],
+    /// Pixels to follow, low and high word.
+    pub pixels: [u32; 2],
+    /// Pixels in which nothing is seen of what lies behind everything.
+    pub filled: [u32; 2],
+    /// Pixels that were never followed.
+    pub begins: [u32; 2],
+    /// Pixels that the processor has followed since.
+    pub given: [u32; 2],
+    /// Pixels that are not followed, but given back.
+    pub returned: [u32; 2],
+    /// First word of what those remember that are given, [`MEMORY_WORDS`] each, from the lowest number on.
+    pub memories: u32,
+    /// First of its entries, and how many.
+    pub entries: u32,
+    /// See there.
+    pub entry_count: u32,
+    /// Word from which its row's bases are, as [`Pixel::bases`].
+    pub bases: u32,
+    /// Where in the block its pixels' lists of entries begin.
+    pub own: u32,
+    /// Index of the view, and the number of its first pixel there: tile by tile and row by row of tiles, [`PIXELS`] in each.
+    pub view: u32,
+    /// See there.
+    pub place: u32,
+    /// How closely a pixel is followed that sees what lies behind everything, see [`pace`].
+    pub background_pace: u32,
+    /// Of a distorted lens: first of the rows of [`Row::points`] of its pixels, six each, as [`Pixel::frame`] has them; otherwise
+    /// [`NO_FRAMES`].
+    pub frames: u32,
+    /// Zero.
+    pub pad: u32,
+}
+
+/// [`Tile::frames`]: its pixels are squares.
+pub const NO_FRAMES: u32 = u32::MAX;
+
+/// What a pixel remembers between blocks.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Memory {
+    /// Luminance at the end of the last block through which it was followed.
+    pub last: f32,
+    /// Microseconds from there, and luminance, of an evaluation before.
+    pub before_us: f32,
+    /// See there.
+    pub before: f32,
+    /// Logarithm of the reference.
+    pub log: f32,
+    /// Luminance of the next ON event.
+    pub above: f32,
+    /// Luminance of the next OFF event.
+    pub below: f32,
+    /// [`HAS_BEFORE`], [`RESTED`] and [`BEGINS`].
+    pub flags: u32,
+    /// [`Job::number`] of that block.
+    pub number: u32,
+}
+
+/// Words of a [`Memory`].
+pub const MEMORY_WORDS: usize = size_of::<Memory>() / size_of::<u32>();
+
+/// A pixel that a device could not follow through a block.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Pod, Zeroable)]
+pub struct Failed {
+    /// Number of the pixel in the block.
+    pub pixel: u32,
+    /// What it remembers of those before.
+    pub memory: Memory,
 }
 
 /// Words of a lamp's shadows on an entry: pixels that are dark, pixels into which a shadow may come (low and high word of each),
@@ -238,22 +343,41 @@ pub struct Row {
     pub pixels: Vec<Pixel>,
     /// Numbers of light that are wanted of them.
     pub light: usize,
+    /// Tiles whose pixels a device prepares and keeps.
+    pub tiles: Vec<Tile>,
+    /// Entries of all pixels of these, together.
+    pub own: usize,
+    /// Least [`Tile`]'s units between evaluations, beside 0.
+    pub least_stride: Option<u32>,
+    /// Whether any of them has maps.
+    pub has_maps: bool,
 }
 
 impl Row {
     /// Bytes of each of its arrays.
     pub fn bytes(&self) -> [usize; 4] {
-        bytes_of((&self.entries, &self.words, &self.points), (&self.pixels, self.light))
+        let Self { entries, words, points, pixels, light, tiles, own, .. } = self;
+        bytes_of((entries, words, points), (pixels, *light), (tiles, *own))
+    }
+
+    /// Whether there is nothing to follow.
+    pub fn is_empty(&self) -> bool {
+        self.pixels.is_empty() && self.tiles.is_empty()
     }
 }
 
-/// Light counts as pixels do: it lies beside what is known of them between evaluations.
+/// Bytes of what a device keeps of a pixel that it prepares while it follows a block, as a part of what such an array may have.
+const PREPARED_BYTES: usize = 100;
+
+/// Light and lists count as pixels do: they lie beside what is known of them between evaluations.
 fn bytes_of(
     (entries, words, points): (&[Entry], &[u32], &[[f32; 4]]),
     (pixels, light): (&[Pixel], usize),
+    (tiles, own): (&[Tile], usize),
 ) -> [usize; 4] {
-    let of_pixels = size_of_val(pixels) + light * size_of::<f32>();
-    [size_of_val(entries), size_of_val(words), size_of_val(points), of_pixels]
+    let prepared = tiles.len() * PIXELS * PREPARED_BYTES + own * size_of::<u32>();
+    let of_pixels = size_of_val(pixels) + light * size_of::<f32>() + prepared;
+    [size_of_val(entries), size_of_val(words) + size_of_val(tiles), size_of_val(points), of_pixels]
 }
 
 /// A block of some views, or of some rows of their tiles.
@@ -277,6 +401,14 @@ pub struct Block {
     pub light_stays: bool,
     /// Of each view.
     pub jobs: Vec<Job>,
+    /// All rows' tiles. Their pixels have the numbers that follow those of `pixels`, [`PIXELS`] in each.
+    pub tiles: Vec<Tile>,
+    /// Entries of all pixels of these, together.
+    pub own: usize,
+    /// See [`Row::least_stride`].
+    pub least_stride: Option<u32>,
+    /// See [`Row::has_maps`].
+    pub has_maps: bool,
 }
 
 /// What a device finds of a block, beside what becomes of its pixels.
@@ -288,6 +420,12 @@ pub struct Found {
     pub light: Vec<f32>,
     /// Number of the first of light that stays.
     pub light_at: u32,
+    /// Pixels of tiles that it could not follow, or was to give back.
+    pub failed: Vec<Failed>,
+    /// Evaluations of all others.
+    pub evaluations: u64,
+    /// Pixels of tiles that bounds proved quiet.
+    pub quiet: u64,
 }
 
 /// Light of a view during a block, for the stages of its sensor on a device.
@@ -320,11 +458,18 @@ impl Block {
         self.kept.clear();
         self.pixels.clear();
         self.jobs.clear();
+        self.tiles.clear();
         (self.kept_from, self.light, self.light_stays) = (kept_from, 0, light_stays);
+        (self.own, self.least_stride, self.has_maps) = (0, None, false);
     }
 
-    /// Adds a row of the last of its views.
-    pub fn add_row(&mut self, row: &Row) {
+    /// Pixels that a device follows, or may.
+    pub fn pixel_count(&self) -> usize {
+        self.pixels.len() + self.tiles.len() * PIXELS
+    }
+
+    /// Adds a row of the last of its views, `view`.
+    pub fn add_row(&mut self, row: &Row, view: usize) {
         let bases = self.words.len();
         let first = bases + BASE_WORDS;
         let job = self.jobs.len().saturating_sub(1);
@@ -336,11 +481,19 @@ impl Block {
         let of = |pixel: &Pixel| Pixel { bases: bases as u32, ..*pixel };
         self.pixels.extend(row.pixels.iter().map(of));
         self.light += row.light;
+        let own = self.own as u32;
+        let of = |tile: &Tile| Tile { bases: bases as u32, own: own + tile.own, view: view as u32, ..*tile };
+        self.tiles.extend(row.tiles.iter().map(of));
+        self.own += row.own;
+        self.has_maps |= row.has_maps;
+        let strides = [self.least_stride, row.least_stride];
+        self.least_stride = strides.into_iter().flatten().min();
     }
 
     /// Bytes of each of its arrays, as [`Row::bytes`] has them.
     pub fn bytes(&self) -> [usize; 4] {
-        bytes_of((&self.entries, &self.words, &self.points), (&self.pixels, self.light))
+        let Self { entries, words, points, pixels, light, tiles, own, .. } = self;
+        bytes_of((entries, words, points), (pixels, *light), (tiles, *own))
     }
 }
 
@@ -383,19 +536,26 @@ mod tests {
 
     #[test]
     fn rows_are_joined_and_pixels_know_where_their_own_begin() {
-        let row = |words: &[u32], points: usize| Row {
+        let row = |words: &[u32], points: usize, columns: &[u32]| Row {
             words: words.to_vec(),
             points: vec![[0.0; 4]; points],
             pixels: vec![Pixel::default(); 2],
             light: 3,
+            tiles: columns.iter().map(|k| Tile { own: 10 * k, ..Tile::default() }).collect(),
+            own: 50,
+            least_stride: columns.iter().copied().max(),
             ..Row::default()
         };
         let mut block = Block { jobs: vec![Job::default()], ..Block::default() };
-        block.add_row(&row(&[7, 1, 0, 9], 3));
+        block.add_row(&row(&[7, 1, 0, 9], 3, &[]), 0);
+        block.add_row(&row(&[], 0, &[0, 2]), 0);
         block.jobs.push(Job::default());
-        block.add_row(&row(&[8, 0, 0], 1));
-        assert_eq!(block.words, [0, 5, 0, 0, 0, 7, 1, 0, 9, 0, 14, 3, 1, 3, 8, 0, 0]);
-        assert_eq!(block.pixels.iter().map(|pixel| pixel.bases).collect::<Vec<_>>(), [0, 0, 9, 9]);
-        assert_eq!(block.light, 6);
+        block.add_row(&row(&[8, 0, 0], 1, &[1]), 1);
+        assert_eq!(block.words, [0, 5, 0, 0, 0, 7, 1, 0, 9, 0, 14, 3, 0, 3, 0, 19, 3, 1, 6, 8, 0, 0]);
+        assert_eq!(block.pixels.iter().map(|pixel| pixel.bases).collect::<Vec<_>>(), [0, 0, 9, 9, 14, 14]);
+        assert_eq!((block.light, block.pixel_count()), (9, 6 + 192));
+        let tiles: Vec<_> = block.tiles.iter().map(|tile| [tile.view, tile.own, tile.bases]).collect();
+        assert_eq!(tiles, [[0, 0, 9], [0, 20, 9], [1, 50 + 10, 14]]);
+        assert_eq!((block.own, block.least_stride), (100, Some(1)));
     }
 }

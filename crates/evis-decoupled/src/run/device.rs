@@ -131,7 +131,7 @@ pub(crate) struct Followed<'f> {
     pub rows: usize,
     /// Row by row.
     pub pixels: &'f [packed::Pixel],
-    /// In the order of pixels; light row by row.
+    /// Events and what failed in the order of pixels; light row by row.
     pub found: packed::Found,
 }
 
@@ -187,10 +187,11 @@ impl Loaded {
         self.block = block;
         let block = &mut self.block;
         let mut found = packed::Found::default();
-        if !block.pixels.is_empty() {
+        if block.pixel_count() > 0 {
             found = self.device.follow(block)?;
             // Stable: those of one pixel are in firing order.
             found.events.sort_by_key(|event| event.pixel);
+            found.failed.sort_by_key(|failed| failed.pixel);
         }
         Ok(Followed { rows: count, pixels: &block.pixels, found })
     }
@@ -221,7 +222,7 @@ impl Loaded {
                 }
                 block.jobs.push(job);
             }
-            block.add_row(own.row);
+            block.add_row(own.row, own.view);
             count += 1;
         }
         count

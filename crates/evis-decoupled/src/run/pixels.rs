@@ -107,7 +107,7 @@ fn follow_on(
         let mut own = entered.iter_mut().zip(&stays).filter(|(_, stays)| **stays);
         own.try_for_each(|(own, _)| own.begin(stages))?;
     }
-    let has_pixels = |row: &Row| !row.packed().pixels.is_empty();
+    let has_pixels = |row: &Row| !row.packed().is_empty();
     // Rows by view, row and job: a view in which nothing moves has none.
     let mut places = Vec::new();
     let mut jobs = Vec::new();
@@ -126,23 +126,39 @@ fn follow_on(
     let mut places = &places[..];
     while !places.is_empty() && !stop.load(Ordering::Relaxed) {
         let of = |&(view, row, job): &(usize, usize, usize)| {
-            let ((job, looks), row) = (&jobs[job], entered[view].pixels.rows[row].packed());
-            ViewRow { view, job, looks, row, stays: stays[view] }
+            let (job, looks) = &jobs[job];
+            let pixels = &entered[view].pixels;
+            ViewRow { view: pixels.view, job, looks, row: pixels.rows[row].packed(), stays: stays[view] }
         };
         let rows: Vec<ViewRow> = places.iter().map(of).collect();
         let Followed { rows, pixels, found } = device.follow(&rows)?;
-        let packed::Found { events, light, mut light_at } = found;
-        let (mut pixels, mut light, mut first) = (pixels, &light[..], 0);
-        for &(view, row, _) in places.split_off(..rows).unwrap_or_default() {
+        let packed::Found { events, light, mut light_at, failed, evaluations, quiet } = found;
+        let (mut first, mut pixels, mut light) = (pixels.len() as u32, pixels, &light[..]);
+        let (mut events, mut failed) = (&events[..], &failed[..]);
+        let own_rows = places.split_off(..rows).unwrap_or_default();
+        // They are counted for all views together.
+        if let Some(&(view, ..)) = own_rows.first() {
+            let report = &mut entered[view].pixels.report;
+            report.evaluations += evaluations;
+            report.on_device += evaluations;
+            report.quiet += quiet;
+        }
+        for &(view, row, _) in own_rows {
             let Entered { pixels: Pixels { rows, following, .. }, evaluator, .. } = &mut entered[view];
-            let packed = rows[row].packed();
-            let own = pixels.split_off(..packed.pixels.len()).unwrap_or_default();
+            let own = &mut rows[row];
+            let packed = own.packed();
+            let own_pixels = pixels.split_off(..packed.pixels.len()).unwrap_or_default();
             let count = packed.light;
             let own_light = light.split_off(..count).unwrap_or_default();
-            let at = stays[view].then_some(light_at);
-            rows[row].take(evaluator, following, (first, own), (&events, own_light, at), row);
-            first += own.len();
+            own.take_light(own_pixels, own_light, stays[view].then_some(light_at));
             light_at += count as u32;
+            let end = first + own.prepared_pixels() as u32;
+            let fired = events.partition_point(|event| event.pixel < end);
+            let fired = events.split_off(..fired).unwrap_or_default();
+            let left = failed.partition_point(|failed| failed.pixel < end);
+            let left = failed.split_off(..left).unwrap_or_default();
+            own.take_events(evaluator, following, first, (fired, left), row);
+            first = end;
         }
         // Before the next rows: light is long.
         entered.par_iter_mut().with_max_len(1).for_each(|own| own.sense(stop));
@@ -190,6 +206,7 @@ impl<'t> Turn<'t, '_> {
 
     fn enter(self, lists: &'t Lists) -> Entered<'t> {
         let Self { world, lighting, pixels, block, jumps_next } = self;
+        pixels.following.number += 1;
         let taken = pixels.frames.as_mut().map(|frames| frames.taken(block, jumps_next));
         Entered { pixels, evaluator: Evaluator { world, lists, lighting, block }, taken }
     }
@@ -350,6 +367,7 @@ impl Pixels {
                 thresholds,
                 step_px: settings.step_px,
                 start_us: settings.start_us,
+                number: 0,
                 only: only.to_vec(),
                 senses: sensing.is_some() || frames.is_some(),
                 rests: true,
@@ -371,6 +389,7 @@ impl Pixels {
                 let (x, y) = (tile * TILE + pixel % TILE, row * TILE + pixel / TILE);
                 (x < width && y < height).then(|| picture[y * width + x])
             };
+            of.begin();
             for (slot, path) in of.paths.iter_mut().enumerate() {
                 *path = at(slot).map(|luminance| PixelPath::new(t_us, luminance, thresholds));
             }

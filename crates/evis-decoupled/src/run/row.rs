@@ -14,7 +14,7 @@ use crate::run::settings::Report;
 use crate::scene::tiles::{PIXELS, TILE};
 use crate::scene::world::World;
 use crate::shading::light::bits;
-use crate::shading::light::packed::RowPacker;
+use crate::shading::light::packed::{RowPacker, halves};
 use crate::shading::shadow::Beam;
 use crate::signal::events::Thresholds;
 use crate::signal::knots::{Knots, TileLuminance, TileSignal};
@@ -25,8 +25,10 @@ use crate::visibility::lists::{Entry, TileList};
 
 /// A row of tiles: its pixels' paths, and what they fired.
 pub(crate) struct Row {
-    /// Per pixel, of a sensor of thresholds.
+    /// Per pixel, of a sensor of thresholds: where it is, unless a device has followed it since.
     pub paths: Vec<Option<PixelPath>>,
+    /// Per tile, pixels that a device keeps.
+    kept: Vec<u64>,
     /// Per tile, of any other sensor: the light that it saw last.
     pub lights: Vec<Option<TileLuminance>>,
     /// Per tile, of one that is followed in continuous time.
@@ -39,6 +41,8 @@ pub(crate) struct Row {
     /// What a device is given of the block in work, and for each of its pixels the number in the row, tile by tile.
     packer: RowPacker,
     slots: Vec<usize>,
+    /// Columns of the tiles that a device prepares.
+    prepared: Vec<usize>,
     /// Per tile, pixels that the device could not follow.
     failed: Vec<u64>,
     /// Of sensors that take light throughout the block: tiles of which a device finds it, and what it has found.
@@ -119,6 +123,8 @@ pub(crate) struct Following {
     pub thresholds: Thresholds,
     pub step_px: f64,
     pub start_us: i64,
+    /// Number of the block in work, from 1.
+    pub number: u32,
     /// Which tiles are followed, row by row; all where it is empty.
     pub only: Vec<bool>,
     /// A sensor with more stages than thresholds, in continuous time.
@@ -145,6 +151,7 @@ impl Following {
             flags: parallel | jumps | if self.senses { packed::SENSES } else { 0 },
             lamps,
             own,
+            number: self.number,
             ..self.thresholds.pack()
         };
         lighting.pack_background(centre_of(world), &mut job);
@@ -164,6 +171,14 @@ fn jumps_of(block: Block, begins: bool) -> bool {
     block.jump && !begins
 }
 
+/// Pixels of the tile at (column, row) that are in the picture and see anything.
+fn pixels_in_picture(world: &World, [column, row]: [usize; 2]) -> u64 {
+    let [width, height] = [world.lens.width, world.lens.height].map(|v| v as usize);
+    let seen = world.tile([column, row]).pixels;
+    let inside = |pixel: &usize| column * TILE + pixel % TILE < width && row * TILE + pixel / TILE < height;
+    bits(seen).filter(inside).fold(0, |pixels, pixel| pixels | 1 << pixel)
+}
+
 /// The middle of the picture without distortion.
 fn centre_of(world: &World) -> [f64; 2] {
     [world.lens.width, world.lens.height].map(|v| 0.5 * f64::from(v))
@@ -180,6 +195,7 @@ impl Row {
     pub fn new(columns: usize, ideal: bool, senses: bool) -> Self {
         Self {
             paths: if ideal { vec![None; columns * PIXELS] } else { Vec::new() },
+            kept: if ideal { vec![0; columns] } else { Vec::new() },
             lights: if ideal { Vec::new() } else { vec![None; columns] },
             sensors: if senses { vec![None; columns] } else { Vec::new() },
             columns: Vec::new(),
@@ -188,12 +204,18 @@ impl Row {
             report: Report::default(),
             packer: RowPacker::default(),
             slots: Vec::new(),
+            prepared: Vec::new(),
             failed: vec![0; columns],
             sampled: Vec::new(),
             light: Vec::new(),
             staged: Staged::default(),
             resting: std::iter::repeat_with(|| None).take(columns).collect(),
         }
+    }
+
+    /// No device keeps its pixels.
+    pub fn begin(&mut self) {
+        self.kept.fill(0);
     }
 
     /// Goes through the block of `evaluator`, but for pixels that a device can follow if it `packs`.
@@ -207,6 +229,7 @@ impl Row {
         self.columns.clear();
         self.samples.clear();
         self.slots.clear();
+        self.prepared.clear();
         self.sampled.clear();
         if let Some(packs) = packs {
             let times_s = times_of(evaluator.world, evaluator.block);
@@ -235,6 +258,8 @@ impl Row {
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| wanted(*column)) {
             if self.resting[column].is_some() {
                 self.rest(evaluator.block, (following, taken), ([column, row], packs));
+            } else if packs.is_some() && !following.senses {
+                self.leave(work, evaluator, following, tile, [column, row]);
             } else {
                 self.tile(work, evaluator, (following, taken), tile, ([column, row], None, packs));
             }
@@ -284,32 +309,18 @@ impl Row {
         &self.packer.row
     }
 
-    /// Takes what a device made of the `pixels` of this row, number `row`, from number `first` of the block on, of all that
-    /// `fired`, pixel by pixel, and of the row's `light`, which it keeps for [`Row::sense`], or of which it knows where that `stays`.
-    pub fn take(
-        &mut self,
-        evaluator: &Evaluator,
-        following: &Following,
-        (first, pixels): (usize, &[packed::Pixel]),
-        (fired, light, stays): (&[packed::Event], &[f32], Option<u32>),
-        row: usize,
-    ) {
-        let block = evaluator.block;
-        let start_us = block.start_us.floor() as i64 - following.start_us;
+    /// Takes what a device made of the `pixels` that this row has packed, and of their `light`, which it keeps for [`Row::sense`], or of
+    /// which it knows where that `stays`.
+    pub fn take_light(&mut self, pixels: &[packed::Pixel], light: &[f32], stays: Option<u32>) {
         self.light.clear();
         self.light.extend_from_slice(light);
         self.staged.at = stays;
-        let mut fired = &fired[fired.partition_point(|event| (event.pixel as usize) < first)..];
-        for ((index, pixel), &slot) in (first..).zip(pixels).zip(&self.slots) {
-            let own = fired.iter().take_while(|event| event.pixel as usize == index).count();
-            let own = fired.split_off(..own).unwrap_or_default();
+        for (pixel, &slot) in pixels.iter().zip(&self.slots) {
             let (column, number) = (slot / PIXELS, slot % PIXELS);
             if pixel.failed != 0 {
                 self.failed[column] |= 1 << number;
                 continue;
             }
-            let place = [column * TILE + number % TILE, row * TILE + number / TILE].map(|v| v as u16);
-            self.events.extend(own.iter().map(|event| event_at(*event, start_us, place)));
             self.report.evaluations += u64::from(pixel.evaluations);
             self.report.on_device += u64::from(pixel.evaluations);
             if stays.is_some()
@@ -317,10 +328,48 @@ impl Row {
             {
                 light[number] = f64::from(pixel.last);
             }
-            if let Some(Some(path)) = self.paths.get_mut(slot) {
-                path.unpack(block, pixel);
+        }
+    }
+
+    /// Takes what the pixels of the tiles of this row, number `row`, that a device has prepared `fired`, pixel by pixel, and which of
+    /// them it has `failed` to follow, all from number `first` of the block on.
+    pub fn take_events(
+        &mut self,
+        evaluator: &Evaluator,
+        following: &Following,
+        first: u32,
+        (fired, failed): (&[packed::Event], &[packed::Failed]),
+        row: usize,
+    ) {
+        let block = evaluator.block;
+        let start_us = block.start_us.floor() as i64 - following.start_us;
+        let place = |pixel: u32| {
+            let at = (pixel - first) as usize;
+            (self.prepared[at / PIXELS], at % PIXELS)
+        };
+        for packed::Failed { pixel, memory } in failed {
+            let (column, number) = place(*pixel);
+            self.failed[column] |= 1 << number;
+            self.kept[column] &= !(1 << number);
+            // What was given for this block is known in 64 bits.
+            let path = &mut self.paths[column * PIXELS + number];
+            *path = path.take().or_else(|| PixelPath::unpack(block, following.number, memory));
+        }
+        for &column in &self.prepared {
+            bits(self.kept[column]).for_each(|number| self.paths[column * PIXELS + number] = None);
+        }
+        for event in fired {
+            let (column, number) = place(event.pixel);
+            if self.failed[column] >> number & 1 == 0 {
+                let at = [column * TILE + number % TILE, row * TILE + number / TILE].map(|v| v as u16);
+                self.events.push(event_at(*event, start_us, at));
             }
         }
+    }
+
+    /// How many pixels of its tiles a device prepares.
+    pub fn prepared_pixels(&self) -> usize {
+        self.prepared.len() * PIXELS
     }
 
     /// Gives sensors the light of the tiles of which a device has found it, or says where that stays: what it could not find is
@@ -453,10 +502,83 @@ impl Row {
         let tiles = evaluator.lists.row_where(evaluator.world, row, |column| failed[column] != 0);
         for (column, tile) in tiles.iter().enumerate().filter(|(column, _)| failed[*column] != 0) {
             self.report.refollowed += u64::from(failed[column].count_ones());
-            let place = ([column, row], Some(failed[column]), None);
-            self.tile(work, evaluator, (following, None), tile, place);
+            self.follow_here(work, evaluator, following, tile, ([column, row], failed[column]));
         }
         self.failed = vec![0; failed.len()];
+    }
+
+    /// Follows `pixels` of a tile here.
+    fn follow_here(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        following: &Following,
+        list: &TileList,
+        (place, pixels): ([usize; 2], u64),
+    ) {
+        if pixels != 0 {
+            self.tile(work, evaluator, (following, None), list, (place, Some(pixels), None));
+        }
+    }
+
+    /// Leaves a tile to a device, which prepares its pixels and keeps them.
+    fn leave(
+        &mut self,
+        work: &mut Work,
+        evaluator: &Evaluator,
+        following: &Following,
+        list: &TileList,
+        [column, row]: [usize; 2],
+    ) {
+        let Following { step_px, number, .. } = *following;
+        let (block, entries) = (evaluator.block, &list.entries[..]);
+        evaluator.enter_tile(work, list, [column, row]);
+        let pixels = pixels_in_picture(evaluator.world, [column, row]);
+        let pace = |activity: &PixelActivity| PixelPath::pace(block, step_px, activity);
+        let activity = evaluator.tile_activity(work, entries, pixels, pace);
+        self.report.entries += activity.entries as u64;
+        self.report.pixel_blocks += u64::from(pixels.count_ones());
+        self.resting[column] = activity.still.then(|| Resting {
+            version: evaluator.lighting.version(),
+            beams: work.beams().into(),
+            pixels,
+            entries: activity.entries as u64,
+        });
+        if pixels == 0 || activity.still && !block.jump {
+            return;
+        }
+        let kept = self.kept[column];
+        let packed = evaluator.pack_tile(work, (entries, &activity), pixels, &mut self.packer);
+        let Some(mut tile) = packed else {
+            let there = kept & pixels;
+            if there != 0 {
+                let masks = [there; 2].map(halves);
+                let frames = packed::NO_FRAMES;
+                let tile =
+                    packed::Tile { pixels: masks[0], returned: masks[1], frames, ..Default::default() };
+                self.prepare([column, row], tile);
+            }
+            self.follow_here(work, evaluator, following, list, ([column, row], pixels & !there));
+            return;
+        };
+        let paths = &self.paths[column * PIXELS..][..PIXELS];
+        let given =
+            bits(pixels & !kept).filter(|pixel| paths[*pixel].is_some()).fold(0, |m, pixel| m | 1 << pixel);
+        tile.memories = self.packer.row.words.len() as u32;
+        for path in bits(given).filter_map(|pixel| paths[pixel].as_ref()) {
+            let words: [u32; packed::MEMORY_WORDS] = bytemuck::cast(path.pack(block, number));
+            self.packer.row.words.extend(words);
+        }
+        [tile.given, tile.begins] = [given, pixels & !kept & !given].map(halves);
+        self.kept[column] |= pixels;
+        self.prepare([column, row], tile);
+    }
+
+    /// Adds a tile that a device prepares.
+    fn prepare(&mut self, [column, row]: [usize; 2], tile: packed::Tile) {
+        let place = (row * self.kept.len() + column) * PIXELS;
+        self.packer.row.tiles.push(packed::Tile { place: place as u32, ..tile });
+        self.prepared.push(column);
     }
 
     fn tile(
@@ -470,18 +592,14 @@ impl Row {
         let entries = &list.entries[..];
         let Following { thresholds, step_px, start_us, .. } = following;
         let block = evaluator.block;
-        let lens = &evaluator.world.lens;
         evaluator.enter_tile(work, list, [column, row]);
-        let (width, height) = (lens.width as usize, lens.height as usize);
         let place = |pixel: usize| (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
-        let seen = evaluator.world.tile([column, row]).pixels;
-        let inside =
-            |pixel: &usize| seen >> *pixel & 1 == 1 && place(*pixel).0 < width && place(*pixel).1 < height;
+        let inside = pixels_in_picture(evaluator.world, [column, row]);
         // Of a tile whose others a device has followed.
         let (again, only) = (only.is_some(), only.unwrap_or(u64::MAX));
         let mut activities = [None; PIXELS];
         let (mut still, mut pixels, mut entry_count) = (true, 0_u64, 0);
-        for pixel in (0..PIXELS).filter(inside) {
+        for pixel in bits(inside) {
             let activity = evaluator.activity(work, entries, pixel);
             activities[pixel] = Some(activity);
             still &= activity.still;
@@ -546,9 +664,6 @@ impl Row {
             evaluator.expect(work, pixel, stride(block, *step_px, activity));
         }
         let follows = only & !resting;
-        if packs.is_some() && self.pack(work, evaluator, following, entries, (&activities, follows, column)) {
-            return;
-        }
         for (pixel, activity) in activities.iter().enumerate().filter(|(pixel, _)| follows >> pixel & 1 == 1)
         {
             let (Some(activity), (x, y)) = (activity, place(pixel)) else { continue };
@@ -565,38 +680,6 @@ impl Row {
                     events.push(Event::new(t, x as u16, y as u16, polarity));
                 });
         }
-    }
-
-    /// Leaves those of the pixels `follows` of a tile of which anything changes to a device; false where that cannot show them.
-    fn pack(
-        &mut self,
-        work: &mut Work,
-        evaluator: &Evaluator,
-        following: &Following,
-        entries: &[Entry],
-        (activities, follows, column): (&[Option<PixelActivity>; PIXELS], u64, usize),
-    ) -> bool {
-        let block = evaluator.block;
-        let pixels = follows & changing(block, activities);
-        if pixels == 0 {
-            return true;
-        }
-        let Following { thresholds, step_px, .. } = following;
-        let Some(packed) = evaluator.pack(work, entries, pixels, &mut self.packer) else { return false };
-        for mut packed in packed {
-            let pixel = packed.number as usize;
-            let (Some(activity), slot) = (&activities[pixel], column * PIXELS + pixel) else { continue };
-            let path = self.paths[slot].get_or_insert_with(|| {
-                evaluator.enter_pixel(work, pixel);
-                PixelPath::new(block.start_us, evaluator.luminance(work, entries, 0), thresholds)
-            });
-            packed.stride = stride(block, *step_px, activity);
-            packed.least = PixelPath::least(*step_px, activity);
-            path.pack(block, &mut packed);
-            self.packer.row.pixels.push(packed);
-            self.slots.push(slot);
-        }
-        true
     }
 
     /// Leaves a tile's light to a device; false where nothing of it changes, and where that cannot show it.

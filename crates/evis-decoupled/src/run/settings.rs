@@ -107,7 +107,7 @@ pub struct Report {
     pub coverage_s: f64,
     /// Of that, shading, extrapolated likewise.
     pub shading_s: f64,
-    /// Evaluations of a pixel.
+    /// Evaluations of a pixel. What a device has followed of several views is in the report of the first of them, here and below.
     pub evaluations: u64,
     /// Entries of all pixels' lists, over all blocks.
     pub entries: u64,

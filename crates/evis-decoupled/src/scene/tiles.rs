@@ -17,6 +17,7 @@ use crate::Error;
 pub const TILE: usize = 8;
 /// Pixels of a tile.
 pub const PIXELS: usize = TILE * TILE;
+const _: () = assert!(PIXELS == crate::packed::PIXELS, "a device has as many pixels in a tile");
 /// Corners of a tile's pixels.
 const CORNERS: usize = (TILE + 1) * (TILE + 1);
 

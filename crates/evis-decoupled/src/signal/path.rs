@@ -159,33 +159,51 @@ impl PixelPath {
         [below + off(below), above - off(above)]
     }
 
-    /// What a device needs of it to follow it through `block`, into `pixel`.
-    pub fn pack(&self, block: Block, pixel: &mut packed::Pixel) {
-        pixel.last = self.last.luminance as f32;
+    /// What a device needs of it to follow it through `block`, number `number` of the view's.
+    pub fn pack(&self, block: Block, number: u32) -> packed::Memory {
+        let Reference { log, above, below } = self.reference;
+        let mut memory = packed::Memory {
+            last: self.last.luminance as f32,
+            log: log as f32,
+            above: above as f32,
+            below: below as f32,
+            number: number - 1,
+            ..packed::Memory::default()
+        };
         // What went before was still, otherwise.
         if let Some(before) = self.before.filter(|_| self.last.t_us == block.start_us) {
-            pixel.before_us = (before.t_us - block.start_us) as f32;
-            pixel.before = before.luminance as f32;
-            pixel.flags |= packed::HAS_BEFORE;
+            memory.before_us = (before.t_us - block.start_us) as f32;
+            memory.before = before.luminance as f32;
+            memory.flags |= packed::HAS_BEFORE;
         }
-        pixel.flags |= if self.rested { packed::RESTED } else { 0 };
+        memory.flags |= if self.rested { packed::RESTED } else { 0 };
         // What light returns to must have been found in the same way.
-        pixel.flags |= if self.begins { packed::BEGINS } else { 0 };
-        let Reference { log, above, below } = self.reference;
-        (pixel.log, pixel.above, pixel.below) = (log as f32, above as f32, below as f32);
+        memory.flags |= if self.begins { packed::BEGINS } else { 0 };
+        memory
     }
 
-    /// Goes on from where a device has followed it to, at the end of `block`.
-    pub fn unpack(&mut self, block: Block, pixel: &packed::Pixel) {
+    /// Goes on from what a device remembers of it at the start of `block`, number `number` of the view's; `None` where it was never
+    /// followed.
+    pub fn unpack(block: Block, number: u32, memory: &packed::Memory) -> Option<Self> {
+        if memory.flags & packed::BEGINS != 0 {
+            return None;
+        }
         let at = |t_us: f64, luminance: f32| Point { t_us, luminance: luminance.into() };
-        let only_jumps = pixel.stride == 0 && block.length_us() > INSTANT_US;
-        let end_us = if only_jumps { block.start_us } else { block.end_us };
-        self.last = at(end_us, pixel.last);
-        let known = pixel.flags & packed::HAS_BEFORE != 0;
-        self.before = known.then(|| at(block.start_us + f64::from(pixel.before_us), pixel.before));
-        (self.rested, self.begins) = (false, false);
-        let [log, above, below] = [pixel.log, pixel.above, pixel.below].map(f64::from);
-        self.reference = Reference { log, above, below };
+        let has_gone_on = memory.number + 1 == number;
+        let known = has_gone_on && memory.flags & packed::HAS_BEFORE != 0;
+        let [log, above, below] = [memory.log, memory.above, memory.below].map(f64::from);
+        Some(Self {
+            reference: Reference { log, above, below },
+            last: at(if has_gone_on { block.start_us } else { f64::NEG_INFINITY }, memory.last),
+            before: known.then(|| at(block.start_us + f64::from(memory.before_us), memory.before)),
+            rested: memory.flags & packed::RESTED != 0,
+            begins: false,
+        })
+    }
+
+    /// How closely a device follows a pixel that sees what is so active, see [`packed::pace`].
+    pub fn pace(block: Block, step_px: f64, activity: &PixelActivity) -> u32 {
+        packed::pace(stride(block, step_px, activity), Self::least(step_px, activity))
     }
 
     /// Units to which intervals are halved at most.

@@ -9,7 +9,7 @@ use std::time::Instant as Timer;
 use crate::packed;
 use crate::scene::tiles::{PIXELS, TileView};
 use crate::scene::world::World;
-use crate::shading::light::packed::RowPacker;
+use crate::shading::light::packed::{RowPacker, halves};
 use crate::shading::light::{Instant, Lighting, Part, TileLight, bits};
 use crate::shading::shadow::Beam;
 use crate::visibility::blocks::Block;
@@ -84,6 +84,8 @@ pub struct Work {
     /// By moment and entry.
     known: Vec<Known>,
     sights: Vec<Sight>,
+    /// Per entry, how closely a device follows pixels that see it, and those into which a shadow of what moves comes.
+    paces: Vec<[u32; 2]>,
     /// Per entry: motion during the block in pixels; and of what lies behind all.
     motion: Vec<f64>,
     background_motion: f64,
@@ -120,6 +122,7 @@ impl Default for Work {
             moments: Vec::new(),
             known: Vec::new(),
             sights: Vec::new(),
+            paces: Vec::new(),
             motion: Vec::new(),
             background_motion: 0.0,
             slot_count: 0,
@@ -148,6 +151,16 @@ impl Work {
     pub fn beams(&self) -> &[Option<Beam>] {
         &self.light.beams
     }
+}
+
+/// A tile that a device may prepare.
+pub struct TileActivity {
+    /// Nothing of any of its pixels changes.
+    pub still: bool,
+    /// Entries of all its pixels, together.
+    pub entries: usize,
+    /// See [`packed::pace`], of what lies behind everything.
+    background: u32,
 }
 
 /// What a pixel's light does during a block.
@@ -237,6 +250,41 @@ impl Evaluator<'_> {
         activity
     }
 
+    /// What the `pixels` of the tile see all together, and what that does; `pace` says how closely a device follows what is so active.
+    pub fn tile_activity(
+        &self,
+        work: &mut Work,
+        entries: &[Entry],
+        pixels: u64,
+        pace: impl Fn(&PixelActivity) -> u32,
+    ) -> TileActivity {
+        let block_s = self.block.length_us() * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
+        work.paces.clear();
+        let (mut still, mut count) = (true, 0);
+        for (slot, entry) in entries.iter().enumerate() {
+            let touches = entry.touches & pixels;
+            let record = &self.lists.records[entry.record as usize];
+            self.lighting.ready(&mut work.light, record, entry.record, slot);
+            let (rests, moved_px, moved) = self.lighting.changes_of(&work.light, slot);
+            let own = PixelActivity {
+                still: rests && record.still,
+                motion_px: work.motion[slot].max(self.lighting.lobes(&work.light, slot)),
+                periods: block_s * self.lighting.sine_hz(&work.light, slot),
+            };
+            let shadows = PixelActivity { still: moved & touches == 0, motion_px: moved_px, periods: 0.0 };
+            work.paces.push([&own, &shadows].map(|activity| if activity.still { 0 } else { pace(activity) }));
+            still &= touches == 0 || own.still && shadows.still;
+            count += touches.count_ones() as usize;
+        }
+        let mut background = 0;
+        if pixels & !work.filled != 0 && !self.lighting.background_rests() {
+            background =
+                pace(&PixelActivity { still: false, motion_px: work.background_motion, periods: 0.0 });
+            still = false;
+        }
+        TileActivity { still, entries: count, background }
+    }
+
     /// Whether luminance of pixel number `pixel` surely stays between `low` and `high` throughout the block.
     ///
     /// It is a mean of what facets that the pixel may see send, weighted by their areas, so that it lies between the least and
@@ -262,6 +310,72 @@ impl Evaluator<'_> {
         })
     }
 
+    /// Appends to `packer` a tile that a device prepares, of which the `pixels` are followed, once its `activity` is known: returned
+    /// without what its pixels remember. `None` where a device cannot show it, and nothing is appended.
+    pub fn pack_tile(
+        &self,
+        work: &mut Work,
+        (entries, activity): (&[Entry], &TileActivity),
+        pixels: u64,
+        packer: &mut RowPacker,
+    ) -> Option<packed::Tile> {
+        let lighting = self.lighting;
+        let record = |entry: &Entry| &self.lists.records[entry.record as usize];
+        let seen = |entry: &Entry| entry.touches & pixels != 0;
+        let mapped = entries.iter().any(|entry| seen(entry) && lighting.has_maps(record(entry).facet));
+        if !self.can_pack(work, mapped, packer) {
+            return None;
+        }
+        let first = packer.row.entries.len();
+        for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| seen(entry)) {
+            let of = (record(entry), entry.record);
+            lighting.shade_slot(&mut work.light, of.0, of.1, slot);
+            lighting.pack_entry(&work.light, slot, of, packer);
+            let bounds = lighting.pack_bounds(&mut work.light, (slot, of.0.facet), packer);
+            let Some(packed) = packer.row.entries.last_mut() else { continue };
+            [packed.touches, packed.covers, packed.moved] =
+                [entry.touches, entry.covers, lighting.changes_of(&work.light, slot).2]
+                    .map(|m| halves(m & pixels));
+            [packed.pace, packed.moved_pace] = work.paces[slot];
+            if let Some(bounds) = bounds {
+                packed.bounds = bounds;
+                packed.flags |= packed::BOUNDED;
+            }
+        }
+        let middle = packer.centre();
+        let at = work.view.pixel(0).middle;
+        let at = work.view.image_point(at);
+        let row = &mut packer.row;
+        let mut tile = packed::Tile {
+            first: [at.x - middle[0], at.y - middle[1]].map(|v| v as f32),
+            pixels: halves(pixels),
+            filled: halves(work.filled),
+            entries: first as u32,
+            entry_count: (row.entries.len() - first) as u32,
+            own: row.own as u32,
+            background_pace: activity.background,
+            frames: packed::NO_FRAMES,
+            ..packed::Tile::default()
+        };
+        row.own += activity.entries;
+        row.has_maps |= mapped;
+        let paces = work.paces.as_flattened().iter().copied().chain([activity.background]);
+        let strides = paces.map(|pace| pace & ((1 << packed::PACE_BITS) - 1)).filter(|stride| *stride > 0);
+        row.least_stride = strides.chain(row.least_stride).min();
+        if !work.view.is_square() {
+            tile.frames = row.points.len() as u32;
+            (0..PIXELS).for_each(|pixel| row.points.extend(frame_rows(work, pixel, middle)));
+        }
+        Some(tile)
+    }
+
+    /// Whether a device can show a tile that is `mapped`.
+    fn can_pack(&self, work: &Work, mapped: bool, packer: &RowPacker) -> bool {
+        // Parameters of facets are linear before parallel rays, and projective behind a lens that bends them.
+        let is_bent_and_parallel = !work.view.is_square() && self.lists.depths.far.is_finite();
+        (!mapped || packer.has_maps()) && !is_bent_and_parallel
+    }
+
     /// Appends to `packer` what the `pixels` of a tile may see, once their activities are known, and returns these, without their
     /// paths; `None` where a device cannot show it, and nothing is appended.
     pub fn pack(
@@ -276,9 +390,8 @@ impl Evaluator<'_> {
         let seen = |entry: &&Entry| entry.touches & pixels != 0;
         let mapped = entries.iter().filter(seen).filter(|entry| lighting.has_maps(record(entry).facet));
         let mapped = mapped.fold(0_u64, |pixels, entry| pixels | entry.touches);
-        // Parameters of facets are linear before parallel rays, and projective behind a lens that bends them.
         let bent = !work.view.is_square();
-        if (mapped != 0 && !packer.has_maps()) || (bent && self.lists.depths.far.is_finite()) {
+        if !self.can_pack(work, mapped != 0, packer) {
             return None;
         }
         let mut numbers = vec![0; entries.len()];
@@ -302,10 +415,7 @@ impl Evaluator<'_> {
             if bent {
                 packed.flags |= packed::BENT;
                 packed.frame = packer.row.points.len() as u32;
-                for map in work.view.pixel_maps(pixel, middle) {
-                    let rows = map.transpose().to_cols_array_2d();
-                    packer.row.points.extend(rows.map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0]));
-                }
+                packer.row.points.extend(frame_rows(work, pixel, middle));
             }
             if mapped >> pixel & 1 == 1 {
                 packed.flags |= packed::MAPPED;
@@ -504,6 +614,13 @@ impl Evaluator<'_> {
         }
         sum
     }
+}
+
+/// Rows of a pixel behind a distorted lens, see [`packed::Pixel::frame`]; `centre` is the picture's.
+fn frame_rows(work: &Work, pixel: usize, centre: [f64; 2]) -> impl Iterator<Item = [f32; 4]> + use<> {
+    let maps = work.view.pixel_maps(pixel, centre);
+    let rows = maps.map(|map| map.transpose().to_cols_array_2d());
+    rows.into_iter().flatten().map(|[x, y, z]| [x as f32, y as f32, z as f32, 0.0])
 }
 
 #[cfg(test)]

@@ -30,8 +30,8 @@ struct Job {
     flags: u32,
     // Row of `kept` at which appearances of facets begin.
     looks: u32,
-    // Where light is found if that is all that is wanted.
-    unit: u32,
+    // Number of the view's block; the unit at which light is found if that is all that is wanted.
+    number: u32,
     // Row of `kept` at which the sky begins, its levels, 0 where `background` lies behind everything, and its texels that
     // a pixel in the middle of the picture is wide.
     sky: u32,
@@ -41,6 +41,7 @@ struct Job {
 
 // What all pixels of a submission share.
 struct Batch {
+    // Pixels that were given, and those of tiles, which follow them.
     pixels: u32,
     // Events that fit.
     capacity: u32,
@@ -55,8 +56,16 @@ struct Batch {
     // Row of `fixed` at which texels of maps begin, and light from all around.
     texels: u32,
     around: u32,
-    // Where the pixels of each class are listed, four in a row.
-    lists: array<vec4<u32>, 2>,
+    // Pixels that were given; tiles, and the first word of `words` with these.
+    given: u32,
+    tiles: u32,
+    tile_words: u32,
+    // Words of `scratch` at which begin what pixels remember, lists of entries of pixels of tiles, and those of them that failed.
+    memories: u32,
+    own: u32,
+    failed: u32,
+    pad_0: u32,
+    pad_1: u32,
 };
 
 // Rows of a job: its own, then directions on the sky, then those of its lamps.
@@ -81,7 +90,66 @@ struct Entry {
     shades: u32,
     // Emitted luminance over time.
     glow: vec4<f32>,
+    // Bits of pixels of its tile that may see it, of those that it fills, and of those into which a shadow of what moves may come.
+    touches: vec2<u32>,
+    covers: vec2<u32>,
+    moved: vec2<u32>,
+    // How closely a pixel that sees it is followed, and one into which such a shadow may come: units between evaluations, and from bit 16
+    // on those to which intervals are halved; 0 of what stays as it is.
+    pace: u32,
+    moved_pace: u32,
+    // First word of its light's bounds.
+    bounds: u32,
+    pad: array<u32, 3>,
 };
+
+// A tile, whose pixels are prepared here.
+struct Tile {
+    // Its first pixel's middle, from the picture's centre.
+    first: vec2<f32>,
+    // Bits of pixels to follow, of those that see nothing of what lies behind everything, of those never followed, followed by the
+    // host since, and given back.
+    pixels: vec2<u32>,
+    filled: vec2<u32>,
+    begins: vec2<u32>,
+    given: vec2<u32>,
+    returned: vec2<u32>,
+    // First word of what those remember that are given.
+    memories: u32,
+    // First of its entries, and how many.
+    entries: u32,
+    entry_count: u32,
+    bases: u32,
+    // Where lists of its pixels' entries begin.
+    own: u32,
+    // Index of the view, and the number of its first pixel there.
+    view: u32,
+    place: u32,
+    // As an entry's.
+    background_pace: u32,
+    // First of six rows per pixel, of a distorted lens.
+    frames: u32,
+    pad: u32,
+};
+
+// What a pixel remembers between blocks.
+struct Memory {
+    last: f32,
+    before_us: f32,
+    before: f32,
+    log: f32,
+    above: f32,
+    below: f32,
+    flags: u32,
+    number: u32,
+};
+
+const TILE_WORDS: u32 = 22u;
+const MEMORY_WORDS: u32 = 8u;
+// Words of a pixel that failed: its number, and what it remembers.
+const FAILED_WORDS: u32 = 1u + MEMORY_WORDS;
+const NO_FRAMES: u32 = 0xffffffffu;
+const PACE_BITS: u32 = 16u;
 
 struct Pixel {
     // From the picture's centre.
@@ -132,10 +200,22 @@ struct Event {
     word: u32,
 };
 
+// Pixels of a class by how many entries they have: those that take as long are listed side by side.
+const COUNTS: u32 = 32u;
+const BUCKETS: u32 = CLASSES * COUNTS;
+
 struct Events {
     used: atomic<u32>,
+    // Evaluations of pixels of tiles, those of them that are quiet, and those that failed.
+    evaluations: atomic<u32>,
+    quiet: atomic<u32>,
+    failed: atomic<u32>,
     // Pixels to evaluate, by round.
     going_on: array<atomic<u32>, ROUND_COUNTS>,
+    // Where the pixels of each class are listed; how many have as many entries, and how many of those are listed.
+    firsts: array<atomic<u32>, CLASSES>,
+    buckets: array<atomic<u32>, BUCKETS>,
+    listed: array<atomic<u32>, BUCKETS>,
     fired: array<Event>,
 };
 
@@ -155,18 +235,32 @@ const HAS_MAPS: u32 = 32u;
 const GLOWS_APART: u32 = 64u;
 // Its light is found at several places of each part of a pixel.
 const SHARP: u32 = 128u;
-// Pixel.
+// Its light has bounds.
+const BOUNDED: u32 = 256u;
+// Pixel, and what it remembers.
 const HAS_BEFORE: u32 = 1u;
 const RESTED: u32 = 2u;
 const BEGINS: u32 = 4u;
+// Pixel.
+const IS_PLAIN: u32 = 8u;
+const IS_BENT: u32 = 16u;
+const IS_MAPPED: u32 = 32u;
+// It is not followed.
+const IDLE: u32 = 64u;
 // An entry of a pixel that it fills throughout.
 const COVERS: u32 = 0x80000000u;
 
 const MOST_OWN: u32 = 8u;
+// Words of a lamp's shadows of an entry.
+const SHADE_WORDS: u32 = 6u;
 const UNITS: u32 = 3072u;
 const TAU: f32 = 6.283185307179586;
-// As in `signal/path.rs`: a block as short as this, in microseconds, is a cut.
+// As in `signal/path.rs`: a block as short as this, in microseconds, is a cut; and light that levels are crossed on may be off by such a
+// part of itself.
 const INSTANT_US: f32 = 2.0;
+const TOLERANCE: f32 = 0.004;
+// Light, where it is all that is wanted, of a pixel that is not followed, or failed.
+const NOT_FOUND: f32 = -1.0;
 
 @group(0) @binding(0) var<uniform> batch: Batch;
 @group(0) @binding(1) var<storage, read> entries: array<Entry>;
@@ -201,6 +295,8 @@ var<private> centre: vec2<f32>;
 var<private> to_pixel: mat3x3<f32>;
 var<private> from_pixel: mat3x3<f32>;
 var<private> number: u32;
+// It is one of a tile, prepared here.
+var<private> is_of_tile: bool;
 var<private> failed: bool;
 // Iterations of loops so far, of an evaluation. Software drivers end every loop of 8 pixels early, and report nothing, once all their
 // loops together had 65535 iterations. A pixel that needs more than its own share is the processor's: which pixels are does not depend
@@ -290,6 +386,84 @@ fn loops_run(count: u32) -> bool {
         turns += 1u;
     }
     return turns == count;
+}
+
+// Its class, as CLASS has it.
+fn class_of(flags: u32) -> u32 {
+    let bent = (flags & IS_BENT) != 0u;
+    if ((flags & IS_MAPPED) != 0u) {
+        return select(MAPPED, BENT_MAPPED, bent);
+    }
+    return select(select(1u, PLAIN, (flags & IS_PLAIN) != 0u), BENT, bent);
+}
+
+fn bucket_of(flags: u32, own_count: u32) -> u32 {
+    return class_of(flags) * COUNTS + min(own_count, COUNTS - 1u);
+}
+
+// Word of `scratch` with what pixel `index`, of a tile, remembers.
+fn memory_of(index: u32) -> u32 {
+    return batch.memories + (index - batch.given) * MEMORY_WORDS;
+}
+
+fn memory_at(at: u32) -> Memory {
+    return Memory(
+        bitcast<f32>(scratch[at]),
+        bitcast<f32>(scratch[at + 1u]),
+        bitcast<f32>(scratch[at + 2u]),
+        bitcast<f32>(scratch[at + 3u]),
+        bitcast<f32>(scratch[at + 4u]),
+        bitcast<f32>(scratch[at + 5u]),
+        scratch[at + 6u],
+        scratch[at + 7u],
+    );
+}
+
+fn remember(at: u32, memory: Memory) {
+    scratch[at] = bitcast<u32>(memory.last);
+    scratch[at + 1u] = bitcast<u32>(memory.before_us);
+    scratch[at + 2u] = bitcast<u32>(memory.before);
+    scratch[at + 3u] = bitcast<u32>(memory.log);
+    scratch[at + 4u] = bitcast<u32>(memory.above);
+    scratch[at + 5u] = bitcast<u32>(memory.below);
+    scratch[at + 6u] = memory.flags;
+    scratch[at + 7u] = memory.number;
+}
+
+// Gives pixel `index`, of a tile, back to the host, with what it remembers.
+fn give_back(index: u32) {
+    let memory = memory_of(index);
+    let at = batch.failed + FAILED_WORDS * atomicAdd(&events.failed, 1u);
+    scratch[at] = index;
+    for (var k = 0u; k < MEMORY_WORDS; k++) {
+        scratch[at + 1u + k] = scratch[memory + k];
+    }
+}
+
+fn tile_at(number: u32) -> Tile {
+    let at = batch.tile_words + number * TILE_WORDS;
+    return Tile(
+        bitcast<vec2<f32>>(vec2<u32>(words[at], words[at + 1u])),
+        vec2<u32>(words[at + 2u], words[at + 3u]),
+        vec2<u32>(words[at + 4u], words[at + 5u]),
+        vec2<u32>(words[at + 6u], words[at + 7u]),
+        vec2<u32>(words[at + 8u], words[at + 9u]),
+        vec2<u32>(words[at + 10u], words[at + 11u]),
+        words[at + 12u],
+        words[at + 13u],
+        words[at + 14u],
+        words[at + 15u],
+        words[at + 16u],
+        words[at + 17u],
+        words[at + 18u],
+        words[at + 19u],
+        words[at + 20u],
+        words[at + 21u],
+    );
+}
+
+fn has_bit(mask: vec2<u32>, pixel: u32) -> bool {
+    return ((select(mask.x, mask.y, pixel >= 32u) >> (pixel % 32u)) & 1u) == 1u;
 }
 
 fn has_pixel(word: u32) -> bool {

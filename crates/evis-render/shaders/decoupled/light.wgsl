@@ -221,6 +221,14 @@ fn light_of(k: u32, m: Moments, visible: Range, u: f32) -> f32 {
     return m.area * sum;
 }
 
+// Number `at` of the lists of entries: of pixels of tiles they are made here.
+fn entry_of(at: u32) -> u32 {
+    if (is_of_tile) {
+        return scratch[batch.own + at];
+    }
+    return words[base.words + at];
+}
+
 // Mean luminance of a pixel that may see several facets.
 fn light_of_all(own: u32, own_count: u32, u: f32) -> f32 {
     var count = 0u;
@@ -230,7 +238,7 @@ fn light_of_all(own: u32, own_count: u32, u: f32) -> f32 {
             failed = true;
             break;
         }
-        if (see(count, words[base.words + own + k], u)) {
+        if (see(count, entry_of(own + k), u)) {
             count += 1u;
         }
     }
@@ -266,7 +274,7 @@ fn light_of_all(own: u32, own_count: u32, u: f32) -> f32 {
 fn light_at(own: u32, own_count: u32, u: f32) -> f32 {
     var light = 0.0;
     if (CLASS == PLAIN) {
-        if (see(0u, words[base.words + own], u)) {
+        if (see(0u, entry_of(own), u)) {
             light = light_of(0u, whole_pixel(), all_of(0u), u);
         }
     } else {

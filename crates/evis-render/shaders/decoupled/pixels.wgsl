@@ -11,8 +11,6 @@ const MOST_WAITING: u32 = 12u;
 // Words of a pixel between rounds: where light is known up to, what light is wanted for and at which unit, how many intervals
 // wait, and the ends and light of those.
 const STATE_WORDS: u32 = 28u;
-// As in `signal/path.rs`.
-const TOLERANCE: f32 = 0.004;
 const ERROR_MARGIN: f32 = 4.0;
 const RANGE_MARGIN: f32 = 0.5;
 const JUMP_US: f32 = 1e-6;
@@ -40,7 +38,7 @@ fn count_at(round: u32) -> u32 {
 
 // Where pixel number `number` of this class is listed in a round.
 fn slot_at(round: u32, number: u32) -> u32 {
-    return (round % 2u) * batch.pixels + batch.lists[CLASS / 4u][CLASS % 4u] + number;
+    return (round % 2u) * batch.pixels + atomicLoad(&events.firsts[CLASS]) + number;
 }
 
 fn level_at(log_level: f32) -> f32 {
@@ -307,7 +305,7 @@ fn follow_pixel(index: u32, pixel: Pixel) {
         waiting = scratch[state + 3u];
     } else if (jumps || alone || (!senses && (pixel.flags & (RESTED | BEGINS)) != 0u)) {
         wanted = AT_START;
-        unit = select(0u, job.unit, alone);
+        unit = select(0u, job.number, alone);
     } else if (senses) {
         put_light(0u, pixel.last);
         at = 1u;
@@ -358,6 +356,25 @@ fn follow_pixel(index: u32, pixel: Pixel) {
     if (!done && !failed) {
         let next = atomicAdd(&events.going_on[count_at(turn.round + 1u)], 1u);
         scratch[slot_at(turn.round + 1u, next)] = index;
+    } else if (is_of_tile) {
+        leave(index, pixel);
+    }
+}
+
+// Keeps what a pixel of a tile remembers at the end of the block, or gives it back as it was before.
+fn leave(index: u32, pixel: Pixel) {
+    if ((job.flags & LIGHT_ALONE) != 0u) {
+        scratch[batch.light + index - batch.given] = bitcast<u32>(select(last.luminance, NOT_FOUND, failed));
+    } else if (failed) {
+        give_back(index);
+    } else {
+        let before_us = before.t_us - job.length_us;
+        let flags = select(0u, HAS_BEFORE, has_before);
+        remember(
+            memory_of(index),
+            Memory(last.luminance, before_us, before.luminance, reference_log, above, below, flags, job.number),
+        );
+        atomicAdd(&events.evaluations, pixel.evaluations + 1u);
     }
 }
 
@@ -375,6 +392,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         enter_frame(base.points + pixel.frame);
     }
     number = pixel.number;
+    is_of_tile = index >= batch.given;
     failed = false;
     follow_pixel(index, pixel);
 }

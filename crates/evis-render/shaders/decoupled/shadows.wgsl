@@ -7,8 +7,7 @@ const CONTACT: f32 = 2e-5;
 const IN_PLANE: f32 = 3e-6;
 // What 32 bits leave of a facet's height over its longer side, as a part of its distance.
 const SHRUNK: f32 = 1e-6;
-// Words of a lamp's shadows of an entry, and of a facet that throws one.
-const SHADE_WORDS: u32 = 6u;
+// Words of a facet that throws a shadow.
 const CASTER_WORDS: u32 = 3u;
 
 fn on_plane(normal: vec3<f32>, through: f32, receiver: vec3<f32>) -> vec3<f32> {

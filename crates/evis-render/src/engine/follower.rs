@@ -4,7 +4,7 @@ use std::fmt;
 use std::ops::Range;
 use std::sync::{Arc, Mutex, OnceLock};
 
-use evis_decoupled::packed::{self, Block, Event, Found, Pixel, Textures};
+use evis_decoupled::packed::{self, Block, Event, Failed, Found, Memory, PIXELS, Pixel, Textures, Tile};
 use evis_decoupled::signal::pixel::UNITS;
 use evis_decoupled::{Device, Devices, Error, ViewSensor};
 use wgpu::util::DeviceExt;
@@ -18,7 +18,9 @@ use crate::gpu::commands::Commands;
 use crate::gpu::readback::read;
 use crate::gpu::sizes::{self, UNIFORM_ALIGNMENT};
 use crate::gpu::uniforms::{Batch, Turn};
-use crate::pass::decoupled::{CLASSES, GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH_WORDS};
+use crate::pass::decoupled::{
+    CLASSES, GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH_WORDS, TOTAL_WORDS,
+};
 use crate::pass::{ComputePass, decoupled, group};
 
 /// Events that fit for each pixel, of all pixels together; where there are more, the block is followed again with room for them.
@@ -33,8 +35,12 @@ const LONGEST_US: f64 = 2.0 * 32_768.0;
 /// Rounds beyond those in which pixels are evaluated where they surely are.
 const MORE_ROUNDS: u32 = 8;
 
-/// By class, made when there are first pixels of it.
-type Passes = [OnceLock<ComputePass>; CLASSES];
+/// Those that go before, and by class, made when there are first pixels of it.
+struct Passes {
+    prepare: ComputePass,
+    list: ComputePass,
+    follow: [OnceLock<ComputePass>; CLASSES],
+}
 
 /// Devices on one adapter, which share its pipelines.
 pub struct Followers {
@@ -62,7 +68,9 @@ impl Followers {
     /// # Errors
     /// What the device refuses.
     pub fn new(gpu: &Gpu) -> Result<Self, EngineError> {
-        let passes = Arc::new(Passes::default());
+        let of_all = || Ok((decoupled::prepare(&gpu.device), decoupled::list(&gpu.device)));
+        let (prepare, list) = gpu.guarded(of_all)?;
+        let passes = Arc::new(Passes { prepare, list, follow: Default::default() });
         for class in [decoupled::PLAIN, decoupled::OTHERS] {
             pass_of(gpu, &passes, class)?;
         }
@@ -99,7 +107,7 @@ impl Devices for Followers {
     }
 
     fn open(&self, textures: &Textures, views: &[ViewSensor]) -> Result<Box<dyn Device>, Error> {
-        let mut follower = Follower::new(self, textures)?;
+        let mut follower = Follower::new(self, textures, views)?;
         if self.has_stages {
             let wanted = self.dense.as_ref().map(|(output, made)| (*output, made));
             let new = || Ok(Stages::new(&self.gpu, views, wanted, (LONGEST_US, self.most_light)));
@@ -111,11 +119,11 @@ impl Devices for Followers {
 
 /// The pass of a class.
 fn pass_of<'p>(gpu: &Gpu, passes: &'p Passes, class: usize) -> Result<&'p ComputePass, EngineError> {
-    if let Some(pass) = passes[class].get() {
+    if let Some(pass) = passes.follow[class].get() {
         return Ok(pass);
     }
     let pass = gpu.guarded(|| Ok(decoupled::pixels(&gpu.device, class)))?;
-    Ok(passes[class].get_or_init(|| pass))
+    Ok(passes.follow[class].get_or_init(|| pass))
 }
 
 /// Which pipeline a pixel has, see [`decoupled::pixels`].
@@ -129,6 +137,81 @@ fn class_of(pixel: &Pixel) -> usize {
         flags if flags & packed::PLAIN != 0 => decoupled::PLAIN,
         _ => decoupled::OTHERS,
     }
+}
+
+/// Pixels of each class that `block` may have.
+fn most_by_class(block: &Block) -> [u32; CLASSES] {
+    let mut most = [0; CLASSES];
+    block.pixels.iter().for_each(|pixel| most[class_of(pixel)] += 1);
+    let is_bent = |tile: &&Tile| tile.frames != packed::NO_FRAMES;
+    let bent = block.tiles.iter().filter(is_bent).count();
+    for (tiles, classes, mapped) in [
+        (block.tiles.len() - bent, &[decoupled::PLAIN, decoupled::OTHERS][..], decoupled::MAPPED),
+        (bent, &[decoupled::BENT], decoupled::BENT_MAPPED),
+    ] {
+        let own = (tiles * PIXELS) as u32;
+        let maps = [mapped].into_iter().filter(|_| block.has_maps);
+        classes.iter().copied().chain(maps).for_each(|class| most[class] += own);
+    }
+    most
+}
+
+/// Where in the words of intermediate values what is.
+#[derive(Clone, Copy)]
+struct Places {
+    light: u64,
+    memories: u64,
+    own: u64,
+    failed: u64,
+    end: u64,
+}
+
+impl Places {
+    fn new(block: &Block) -> Self {
+        let words = |bytes: usize| (bytes / size_of::<u32>()) as u64;
+        let prepared = block.tiles.len() * PIXELS;
+        let light = u64::from(SCRATCH_WORDS) * block.pixel_count() as u64;
+        let memories = light + block.light as u64;
+        let own = memories + words(prepared * size_of::<Memory>());
+        let failed = own + block.own as u64;
+        // Behind light that stays there is a row more.
+        let end = failed + words(prepared * size_of::<Failed>()) + LIGHT_ROW_BYTES / size_of::<u32>() as u64;
+        Self { light, memories, own, failed, end }
+    }
+}
+
+/// Bytes of so many words.
+fn bytes_of(words: Range<u64>) -> Range<u64> {
+    let word = size_of::<u32>() as u64;
+    words.start * word..words.end * word
+}
+
+/// What a device remembers of the pixels of a view: a buffer, made when it is first needed, and its pixels.
+struct ViewMemory {
+    buffer: OnceLock<wgpu::Buffer>,
+    pixels: u64,
+}
+
+impl ViewMemory {
+    fn get(&self, gpu: &Gpu) -> &wgpu::Buffer {
+        self.buffer.get_or_init(|| {
+            gpu.device.create_buffer(&wgpu::BufferDescriptor {
+                label: Some("what pixels remember"),
+                size: self.pixels * size_of::<Memory>() as u64,
+                usage: wgpu::BufferUsages::COPY_SRC | wgpu::BufferUsages::COPY_DST,
+                mapped_at_creation: false,
+            })
+        })
+    }
+}
+
+/// What came of a block.
+#[derive(Clone, Copy, Default)]
+struct Totals {
+    used: u32,
+    evaluations: u32,
+    quiet: u32,
+    failed: u32,
 }
 
 /// What is written once per block.
@@ -163,6 +246,8 @@ struct Follower {
     textures: wgpu::Buffer,
     /// Where what is in them begins.
     places: Batch,
+    /// By view.
+    memories: Vec<ViewMemory>,
     pixels: GrowingBuffer,
     events: GrowingBuffer,
     scratch: GrowingBuffer,
@@ -173,7 +258,7 @@ struct Follower {
 }
 
 impl Follower {
-    fn new(of: &Followers, textures: &Textures) -> Result<Self, Error> {
+    fn new(of: &Followers, textures: &Textures, views: &[ViewSensor]) -> Result<Self, Error> {
         let gpu = &of.gpu;
         use wgpu::BufferUsages as Usage;
         let new = |label, usage| GrowingBuffer::new(&gpu.device, label, usage);
@@ -201,6 +286,10 @@ impl Follower {
                 around: textures.around,
                 ..Batch::default()
             },
+            memories: views
+                .iter()
+                .map(|view| ViewMemory { buffer: OnceLock::new(), pixels: pixels_of(view) })
+                .collect(),
             pixels: new("pixels", Usage::STORAGE | Usage::COPY_SRC),
             events: new("events", Usage::STORAGE | Usage::COPY_SRC),
             scratch: new("scratch", Usage::STORAGE | Usage::COPY_SRC),
@@ -230,7 +319,15 @@ impl Follower {
         let buffer = self.inputs[Input::Points as usize].get();
         self.gpu.queue.write_buffer(buffer, points.len() as u64, jobs);
         self.write(Input::Entries, bytemuck::cast_slice(&block.entries))?;
-        self.write(Input::Words, bytemuck::cast_slice(&block.words))?;
+        let (words, tiles): (&[u8], &[u8]) =
+            (bytemuck::cast_slice(&block.words), bytemuck::cast_slice(&block.tiles));
+        let both = (words.len() + tiles.len()) as u64;
+        check(&self.gpu, Input::Words.label(), both)?;
+        self.inputs[Input::Words as usize].reserve(&self.gpu.device, both);
+        self.write(Input::Words, words)?;
+        // Tiles lie after the words.
+        let buffer = self.inputs[Input::Words as usize].get();
+        self.gpu.queue.write_buffer(buffer, words.len() as u64, tiles);
         let row = size_of::<[f32; 4]>() as u64;
         let from = u64::from(block.kept_from) * row;
         check(&self.gpu, "appearances of facets and the sky", from + block.kept.len() as u64 * row)?;
@@ -243,50 +340,74 @@ impl Follower {
         Ok(())
     }
 
-    /// Follows `block`, which was sent, with room for `capacity` events; how many there are.
-    fn run(&mut self, block: &Block, capacity: u32) -> Result<u32, Error> {
-        let count = block.pixels.len() as u32;
-        let light = SCRATCH_WORDS * count;
-        let sizes = [light_bytes(block).end + LIGHT_ROW_BYTES, event_bytes(capacity)];
-        check(&self.gpu, "intermediate values", sizes[0])?;
-        check(&self.gpu, "events", sizes[1])?;
+    /// Records copies of what the pixels of the tiles of `block` remember: to where they are followed, or `back`.
+    fn copy_memories(&self, commands: &mut Commands, block: &Block, back: bool) {
+        let bytes = size_of::<Memory>() as u64;
+        let own = |tile: &Tile| u64::from(tile.place) * bytes;
+        let mut at = Places::new(block).memories * size_of::<u32>() as u64;
+        // Tiles that lie side by side are copied together.
+        let follows = |a: &Tile, b: &Tile| a.view == b.view && a.place + PIXELS as u32 == b.place;
+        for tiles in block.tiles.chunk_by(follows) {
+            let (first, size) = (&tiles[0], (tiles.len() * PIXELS) as u64 * bytes);
+            let kept = (self.memories[first.view as usize].get(&self.gpu), own(first));
+            let work = (self.scratch.get(), at);
+            let (from, to) = if back { (work, kept) } else { (kept, work) };
+            commands.copy_buffer_to_buffer(from.0, from.1, to.0, to.1, size);
+            at += size;
+        }
+    }
+
+    /// Follows `block`, which was sent, with room for `capacity` events; what came of it.
+    fn run(&mut self, block: &Block, capacity: u32) -> Result<Totals, Error> {
+        let count = block.pixel_count() as u32;
+        let places = Places::new(block);
+        let scratch = bytes_of(0..places.end).end;
+        let pixels = u64::from(count) * size_of::<Pixel>() as u64;
+        check(&self.gpu, "intermediate values", scratch)?;
+        check(&self.gpu, "pixels", pixels)?;
+        check(&self.gpu, "events", event_bytes(capacity))?;
         let (device, queue) = (&self.gpu.device, &self.gpu.queue);
-        self.scratch.reserve(device, sizes[0]);
-        self.events.reserve(device, sizes[1]);
+        self.scratch.reserve(device, scratch);
+        self.events.reserve(device, event_bytes(capacity));
+        self.pixels.reserve(device, pixels);
         self.pixels.write(device, queue, bytemuck::cast_slice(&block.pixels));
-        let (columns, _) = sizes::dispatch(count, GROUP);
-        let jobs = block.points.len() as u32;
-        // Class by class.
-        let mut numbers: [Vec<u32>; CLASSES] = Default::default();
-        for (number, pixel) in (0..).zip(&block.pixels) {
-            numbers[class_of(pixel)].push(number);
-        }
-        // Pixels that take as long lie side by side: those beside each other wait for the slowest.
-        for own in &mut numbers {
-            own.sort_by_key(|number| block.pixels[*number as usize].own_count);
-        }
-        let mut going_on = numbers.each_ref().map(|own| own.len() as u32);
-        let lists = std::array::from_fn(|class| going_on.iter().take(class).sum());
-        let batch = Batch { pixels: count, capacity, row: columns, jobs, light, lists, ..self.places };
+        let (columns, lines) = sizes::dispatch(count, GROUP);
+        let [light, memories, own, failed] =
+            [places.light, places.memories, places.own, places.failed].map(|word| word as u32);
+        let batch = Batch {
+            pixels: count,
+            capacity,
+            row: columns,
+            jobs: block.points.len() as u32,
+            light,
+            given: block.pixels.len() as u32,
+            tiles: block.tiles.len() as u32,
+            tile_words: block.words.len() as u32,
+            memories,
+            own,
+            failed,
+            ..self.places
+        };
         self.batch.write(device, queue, bytemuck::bytes_of(&batch));
-        self.scratch.write(device, queue, bytemuck::cast_slice(&numbers.concat()));
+        queue.write_buffer(self.events.get(), 0, bytemuck::cast_slice(&[0_u32; HEAD_WORDS as usize]));
+        let mut going_on = most_by_class(block);
         let mut passes = Vec::new();
         for class in (0..CLASSES).filter(|class| going_on[*class] > 0) {
             let pass = pass_of(&self.gpu, &self.passes, class).map_err(refused)?;
             passes.push((class, pass, self.bind(pass)));
         }
-        let most = block.pixels.iter().map(|pixel| UNITS / pixel.stride.max(1)).max().unwrap_or(0);
+        let strides = block.pixels.iter().map(|pixel| pixel.stride.max(1)).chain(block.least_stride);
+        let most = strides.min().map_or(0, |stride| UNITS / stride);
         // An even number, see `ROUNDS`.
         let rounds = ((most + MORE_ROUNDS) / 2 * 2).min(ROUNDS);
-        let (mut used, mut first) = (0, 0);
-        while going_on != [0; CLASSES] {
-            let mut head = vec![0; HEAD_WORDS as usize];
-            head[0] = used;
-            for (class, going_on) in going_on.into_iter().enumerate() {
-                head[count_at(class, 0)] = going_on;
-            }
-            self.gpu.queue.write_buffer(self.events.get(), 0, bytemuck::cast_slice(&head));
-            let mut commands = Commands::new(&self.gpu, "follow pixels");
+        let mut commands = Commands::new(&self.gpu, "follow pixels");
+        self.copy_memories(&mut commands, block, false);
+        for pass in [&self.passes.prepare, &self.passes.list] {
+            // A workgroup for each tile, and for as many pixels that were given.
+            pass.encode(&mut commands, &self.bind(pass), &[0], (columns, lines, 1));
+        }
+        let mut first = 0;
+        loop {
             for round in 0..rounds {
                 let turn = if round == 0 { first } else { round };
                 let offset = turn * UNIFORM_ALIGNMENT as u32;
@@ -297,13 +418,21 @@ impl Follower {
                     pass.encode(&mut commands, group, &[offset], (own, rows, 1));
                 }
             }
-            let head = [(self.events.get(), 0..u64::from(HEAD_WORDS) * 4)];
-            let head = read(&self.gpu, commands, &head).map_err(refused)?;
-            let word = |at: usize| bytemuck::pod_read_unaligned::<u32>(&head[4 * at..][..4]);
-            (used, first) = (word(0), ROUNDS);
-            going_on = std::array::from_fn(|class| word(count_at(class, rounds)));
+            let head = read(&self.gpu, commands, &[(self.events.get(), bytes_of(0..u64::from(HEAD_WORDS)))]);
+            let mut head = bytemuck::pod_collect_to_vec::<u8, u32>(&head.map_err(refused)?);
+            going_on = std::array::from_fn(|class| head[count_at(class, rounds)]);
+            if going_on == [0; CLASSES] {
+                return Ok(Totals { used: head[0], evaluations: head[1], quiet: head[2], failed: head[3] });
+            }
+            // The first round of what follows is the one after these.
+            for class in 0..CLASSES {
+                let counts = count_at(class, 0)..count_at(class, ROUNDS) + 1;
+                head[counts.clone()].fill(0);
+                head[counts.start] = going_on[class];
+            }
+            self.gpu.queue.write_buffer(self.events.get(), 0, bytemuck::cast_slice(&head));
+            (commands, first) = (Commands::new(&self.gpu, "follow pixels"), ROUNDS);
         }
-        Ok(used)
     }
 
     /// What `pass` reads and writes.
@@ -324,13 +453,13 @@ impl Follower {
 
 /// Where it is counted how many pixels of a class go on in a round.
 fn count_at(class: usize, round: u32) -> usize {
-    1 + class * (ROUNDS as usize + 1) + round as usize
+    TOTAL_WORDS as usize + class * (ROUNDS as usize + 1) + round as usize
 }
 
-/// Where light that is wanted of `block` lies among intermediate values: behind what is known of pixels between rounds.
-fn light_bytes(block: &Block) -> Range<u64> {
-    let from = u64::from(SCRATCH_WORDS) * 4 * block.pixels.len() as u64;
-    from..from + 4 * block.light as u64
+/// Pixels of all tiles of a view.
+fn pixels_of(view: &ViewSensor) -> u64 {
+    let tiles: u64 = view.size.map(|side| u64::from(side).div_ceil(8)).into_iter().product();
+    tiles * PIXELS as u64
 }
 
 /// Bytes of `count` events, and of what lies before them.
@@ -375,37 +504,47 @@ impl Device for Follower {
     fn follow(&mut self, block: &mut Block) -> Result<Found, Error> {
         let _span = tracing::trace_span!("follow pixels", pixels = block.pixels.len()).entered();
         self.send(block)?;
-        let mut capacity = (self.events_per_pixel * block.pixels.len() as u32).max(1);
-        let mut used = self.run(block, capacity)?;
+        let mut capacity = (self.events_per_pixel * block.pixel_count() as u32).max(1);
+        let mut totals = self.run(block, capacity)?;
         // Pixels stop where an event does not fit: there may be more of them than were counted. Those for which no binding has room
         // are the processor's.
-        while used > capacity && fits(&self.gpu, event_bytes(used.saturating_mul(2))) {
-            capacity = used.saturating_mul(2);
-            used = self.run(block, capacity)?;
+        while totals.used > capacity && fits(&self.gpu, event_bytes(totals.used.saturating_mul(2))) {
+            capacity = totals.used.saturating_mul(2);
+            totals = self.run(block, capacity)?;
         }
-        let used = used.min(capacity);
-        let pixels = size_of_val(&block.pixels[..]);
+        let used = totals.used.min(capacity);
+        let places = Places::new(block);
         let mut commands = Commands::new(&self.gpu, "read followed pixels");
-        let mut light = light_bytes(block);
+        self.copy_memories(&mut commands, block, true);
+        let mut light = bytes_of(places.light..places.light + block.light as u64);
         let mut light_at = 0;
         if let Some(stages) = self.stages.as_mut().filter(|_| block.light_stays) {
             let from = (self.scratch.get(), light.start);
             light_at = stages.keep(&mut commands, from, block.light as u32)?;
             light.end = light.start;
         }
-        let light_size = (light.end - light.start) as usize;
+        let failed = bytes_of(places.failed..places.end).start;
         let parts = [
-            (self.pixels.get(), 0..pixels as u64),
+            (self.pixels.get(), 0..size_of_val(&block.pixels[..]) as u64),
             (self.scratch.get(), light),
-            (self.events.get(), 0..event_bytes(used)),
+            (self.scratch.get(), failed..failed + u64::from(totals.failed) * size_of::<Failed>() as u64),
+            (self.events.get(), event_bytes(0)..event_bytes(used)),
         ];
         let bytes = read(&self.gpu, commands, &parts).map_err(refused)?;
-        let (pixels, bytes) = bytes.split_at(pixels);
-        let (light, events) = bytes.split_at(light_size);
-        block.pixels = bytemuck::pod_collect_to_vec::<u8, Pixel>(pixels);
-        let light = bytemuck::pod_collect_to_vec::<u8, f32>(light);
-        let events = bytemuck::pod_collect_to_vec(&events[event_bytes(0) as usize..]);
-        Ok(Found { events, light, light_at })
+        let mut bytes = &bytes[..];
+        let mut next = parts
+            .into_iter()
+            .map(|(_, range)| bytes.split_off(..(range.end - range.start) as usize).unwrap_or_default());
+        let mut part = || next.next().unwrap_or_default();
+        block.pixels = bytemuck::pod_collect_to_vec::<u8, Pixel>(part());
+        Ok(Found {
+            light: bytemuck::pod_collect_to_vec(part()),
+            failed: bytemuck::pod_collect_to_vec(part()),
+            events: bytemuck::pod_collect_to_vec(part()),
+            light_at,
+            evaluations: totals.evaluations.into(),
+            quiet: totals.quiet.into(),
+        })
     }
 
     fn stages(&mut self) -> Option<&mut dyn evis_decoupled::Stages> {

@@ -90,6 +90,8 @@ shaders![
     "decoupled/maps.wgsl",
     "decoupled/light.wgsl",
     "decoupled/knots.wgsl",
+    "decoupled/prepare.wgsl",
+    "decoupled/list.wgsl",
     "decoupled/pixels.wgsl",
 ];
 

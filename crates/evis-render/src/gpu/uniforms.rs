@@ -320,7 +320,7 @@ pub struct ScanParams {
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Pod, Zeroable)]
 pub struct Batch {
-    /// Pixels.
+    /// Pixels that were given, and those of tiles.
     pub pixels: u32,
     /// Events that fit.
     pub capacity: u32,
@@ -336,8 +336,22 @@ pub struct Batch {
     pub texels: u32,
     /// Row of textures at which light from all around begins.
     pub around: u32,
-    /// Where the pixels of each class are listed, in rows of four.
-    pub lists: [u32; 8],
+    /// Pixels that were given.
+    pub given: u32,
+    /// Tiles.
+    pub tiles: u32,
+    /// Word at which these begin.
+    pub tile_words: u32,
+    /// Word at which begins what their pixels remember.
+    pub memories: u32,
+    /// Word at which their lists of entries begin.
+    pub own: u32,
+    /// Word at which those are listed that failed.
+    pub failed: u32,
+    /// Zero.
+    pub pad_0: u32,
+    /// Zero.
+    pub pad_1: u32,
 }
 
 /// `Turn` in `decoupled/layout.wgsl`.

@@ -11,6 +11,8 @@ pub const ROUNDS: u32 = 64;
 pub const STATE_WORDS: u32 = 28;
 /// Words per pixel that stay on the device between rounds: two lists, and what is known of it.
 pub const SCRATCH_WORDS: u32 = 2 + STATE_WORDS;
+/// By how many entries pixels of a class are listed side by side.
+pub const COUNTS: u32 = 32;
 /// Classes of pixels, which have pipelines of their own: plain ones, those behind a distorted lens, those that may see facets with
 /// maps, those to which both applies, and all others.
 pub const PLAIN: usize = 0;
@@ -24,10 +26,12 @@ pub const MAPPED: usize = 3;
 pub const BENT_MAPPED: usize = 4;
 /// How many there are.
 pub const CLASSES: usize = 5;
-/// Words before the events: how many there are, then how many pixels of each class go on in each round.
-pub const HEAD_WORDS: u32 = 1 + CLASSES as u32 * (ROUNDS + 1);
+/// Words before those that count pixels: events, evaluations, quiet pixels, and those that failed.
+pub const TOTAL_WORDS: u32 = 4;
+/// Words before the events: totals, then how many pixels of each class go on in each round, and what listing them needs; an even number.
+pub const HEAD_WORDS: u32 = TOTAL_WORDS + CLASSES as u32 * (ROUNDS + 1 + 1 + 2 * COUNTS);
 
-/// `decoupled/pixels.wgsl`.
+/// `decoupled/pixels.wgsl`, and those before it.
 pub const PIXELS_BINDINGS: &[Binding] = &[
     bind(0, "batch", Access::Uniform),
     bind(1, "entries", Access::Read),
@@ -41,7 +45,17 @@ pub const PIXELS_BINDINGS: &[Binding] = &[
     bind(9, "turn", Access::DynamicUniform),
 ];
 
-/// The pass, for pixels of a class.
+/// The pass that prepares pixels of tiles.
+pub fn prepare(device: &wgpu::Device) -> ComputePass {
+    ComputePass::new(device, "decoupled/prepare.wgsl", PIXELS_BINDINGS, &[])
+}
+
+/// The pass that lists pixels for their first round.
+pub fn list(device: &wgpu::Device) -> ComputePass {
+    ComputePass::new(device, "decoupled/list.wgsl", PIXELS_BINDINGS, &[])
+}
+
+/// The pass that follows pixels of a class.
 pub fn pixels(device: &wgpu::Device, class: usize) -> ComputePass {
     ComputePass::new(device, "decoupled/pixels.wgsl", PIXELS_BINDINGS, &[("CLASS", class as f64)])
 }

@@ -77,6 +77,8 @@ pub(super) fn entries() -> Vec<(&'static str, Groups)> {
         ("chain/walk.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/begin.wgsl", &[trigger::CHAIN_BINDINGS]),
         ("chain/emit.wgsl", &[trigger::KEPT_BINDINGS]),
+        ("decoupled/prepare.wgsl", &[decoupled::PIXELS_BINDINGS]),
+        ("decoupled/list.wgsl", &[decoupled::PIXELS_BINDINGS]),
         ("decoupled/pixels.wgsl", &[decoupled::PIXELS_BINDINGS]),
     ]
 }
@@ -336,7 +338,7 @@ fn host_and_shader_structs_have_one_layout() {
         ("lamps", offset_of!(packed::Job, lamps)),
         ("flags", offset_of!(packed::Job, flags)),
         ("looks", offset_of!(packed::Job, looks)),
-        ("unit", offset_of!(packed::Job, unit)),
+        ("number", offset_of!(packed::Job, number)),
         ("sky", offset_of!(packed::Job, sky)),
         ("sky_levels", offset_of!(packed::Job, sky_levels)),
         ("sky_texels", offset_of!(packed::Job, sky_texels)),
@@ -350,12 +352,72 @@ fn host_and_shader_structs_have_one_layout() {
     same_layout!(
         "decoupled/pixels.wgsl",
         "Batch",
-        uniforms::Batch { pixels, capacity, row, jobs, sums, light, texels, around, lists }
+        uniforms::Batch {
+            pixels,
+            capacity,
+            row,
+            jobs,
+            sums,
+            light,
+            texels,
+            around,
+            given,
+            tiles,
+            tile_words,
+            memories,
+            own,
+            failed,
+            pad_0,
+            pad_1
+        }
     );
     same_layout!(
         "decoupled/pixels.wgsl",
         "Entry",
-        packed::Entry { points, facet, flags, light, span, lit, shades, glow }
+        packed::Entry {
+            points,
+            facet,
+            flags,
+            light,
+            span,
+            lit,
+            shades,
+            glow,
+            touches,
+            covers,
+            moved,
+            pace,
+            moved_pace,
+            bounds,
+            pad
+        }
+    );
+    same_layout!(
+        "decoupled/pixels.wgsl",
+        "Tile",
+        packed::Tile {
+            first,
+            pixels,
+            filled,
+            begins,
+            given,
+            returned,
+            memories,
+            entries,
+            entry_count,
+            bases,
+            own,
+            view,
+            place,
+            background_pace,
+            frames,
+            pad
+        }
+    );
+    same_layout!(
+        "decoupled/pixels.wgsl",
+        "Memory",
+        packed::Memory { last, before_us, before, log, above, below, flags, number }
     );
     same_layout!(
         "decoupled/pixels.wgsl",
@@ -594,6 +656,16 @@ fn constants_agree() {
         ("HAS_MAPS", packed::HAS_MAPS.into()),
         ("GLOWS_APART", packed::GLOWS_APART.into()),
         ("SHARP", packed::SHARP.into()),
+        ("BOUNDED", packed::BOUNDED.into()),
+        ("IS_PLAIN", packed::PLAIN.into()),
+        ("IS_BENT", packed::BENT.into()),
+        ("IS_MAPPED", packed::MAPPED.into()),
+        ("PACE_BITS", packed::PACE_BITS.into()),
+        ("NO_FRAMES", packed::NO_FRAMES.into()),
+        ("TILE_WORDS", (size_of::<packed::Tile>() / size_of::<u32>()) as f64),
+        ("MEMORY_WORDS", packed::MEMORY_WORDS as f64),
+        ("FAILED_WORDS", (size_of::<packed::Failed>() / size_of::<u32>()) as f64),
+        ("COUNTS", decoupled::COUNTS.into()),
         ("LIT_OFFSET", f64::from(light::GAUSS as f32)),
         ("GEOMETRY_ROWS", packed::GEOMETRY_ROWS as f64),
         ("TANGENT_ROWS", packed::TANGENT_ROWS as f64),
@@ -637,7 +709,10 @@ fn constants_agree() {
         assert_eq!(constant("decoupled/pixels.wgsl", name), value, "{name}");
     }
     // The counter of events, and a number for each class, round, and the one after the last.
-    assert_eq!(wgsl_struct("decoupled/pixels.wgsl", "Events").0[2].1, 4 * decoupled::HEAD_WORDS);
+    let events = wgsl_struct("decoupled/pixels.wgsl", "Events").0;
+    let at = |name: &str| events.iter().find(|(field, _)| field == name).map(|(_, at)| *at);
+    let words = [("going_on", decoupled::TOTAL_WORDS), ("fired", decoupled::HEAD_WORDS)];
+    words.iter().for_each(|(name, words)| assert_eq!(at(name), Some(4 * words), "{name}"));
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();
     assert_eq!(MAX_INSTANTS as usize, params.spans.len());

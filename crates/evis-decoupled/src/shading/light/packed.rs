@@ -37,12 +37,14 @@ impl RowPacker {
     /// other maps than those of base colour.
     pub fn begin(&mut self, centre: [f64; 2], times_s: [f64; 2], has_maps: bool) {
         (self.centre, self.times_s, self.has_maps) = (centre, times_s, has_maps);
-        let packed::Row { entries, words, points, pixels, light } = &mut self.row;
+        let packed::Row { entries, words, points, pixels, light, tiles, own, least_stride, has_maps: any } =
+            &mut self.row;
         entries.clear();
         words.clear();
         points.clear();
         pixels.clear();
-        *light = 0;
+        tiles.clear();
+        (*light, *own, *least_stride, *any) = (0, 0, None, false);
         self.records.clear();
         self.casters.clear();
         self.lit.clear();
@@ -85,7 +87,7 @@ fn wave(waveform: Option<Waveform>, scale: f64, [start_s, length_s]: [f64; 2]) -
 }
 
 /// Low and high word.
-fn halves(mask: u64) -> [u32; 2] {
+pub fn halves(mask: u64) -> [u32; 2] {
     [mask as u32, (mask >> 32) as u32]
 }
 
@@ -310,5 +312,23 @@ impl Lighting<'_> {
         }
         row.entries.push(entry);
         row.entries.len() as u32 - 1
+    }
+
+    /// Appends bounds of the light of entry `slot` of a tile, of `facet`, where it has any: their first word.
+    pub fn pack_bounds(
+        &self,
+        tile: &mut TileLight,
+        (slot, facet): (usize, u32),
+        packer: &mut RowPacker,
+    ) -> Option<u32> {
+        let bounds = self.bounds(tile, facet, slot)?;
+        let words = &mut packer.row.words;
+        let first = words.len() as u32;
+        // Rounded outwards.
+        let of =
+            |[least, most]: [f64; 2]| [(least as f32).next_down(), (most as f32).next_up()].map(f32::to_bits);
+        words.extend(of(bounds.steady));
+        words.extend(bounds.own[..self.own.len()].iter().flat_map(|own| of(*own)));
+        Some(first)
     }
 }

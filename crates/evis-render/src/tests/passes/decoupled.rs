@@ -8,7 +8,7 @@ use evis_core::metric::{ScoreSettings, score};
 use evis_core::random::Key;
 use evis_core::sensor::{Refractory, RefractoryRule};
 use evis_core::{Event, SensorConfig};
-use evis_decoupled::packed::{self, Block, LIGHT_ALONE, Textures};
+use evis_decoupled::packed::{self, Block, LIGHT_ALONE, PIXELS, Textures};
 use evis_decoupled::{
     Device, Devices, Error, Outcome, Settings, Stages, Stream, StreamSettings, View, ViewSensor, simulate,
 };
@@ -88,22 +88,23 @@ impl Tampered {
         // One view.
         let job = &mut light.jobs[0];
         job.flags |= LIGHT_ALONE;
-        job.unit = MIDDLE;
+        job.number = MIDDLE;
         let (length_us, dark) = (f64::from(job.length_us), 1e-3 * f64::from(job.reference_luminance));
-        self.device.follow(&mut light)?;
+        light.light = light.tiles.len() * PIXELS;
+        let found = self.device.follow(&mut light)?.light;
         let picture = evis_decoupled::luminance(scene, settings, self.start_us + 0.5 * length_us)?;
         self.start_us += length_us;
         let (width, height) = settings.size.unwrap();
-        let place = |pixel: &packed::Pixel| {
-            let [x, y] = [(pixel.centre[0], width), (pixel.centre[1], height)]
-                .map(|(v, size)| (v + 0.5 * size as f32) as usize);
+        let place = |index: usize| {
+            let (first, number) = (light.tiles[index / PIXELS].first, index % PIXELS);
+            let [x, y] = [(first[0], width, number % 8), (first[1], height, number / 8)]
+                .map(|(v, size, beside)| (v + 0.5 * size as f32) as usize + beside);
             y * width as usize + x
         };
-        let off = light
-            .pixels
-            .iter()
-            .filter(|pixel| pixel.failed == 0)
-            .map(|pixel| ((f64::from(pixel.last) + dark) / (picture[place(pixel)] + dark)).ln().abs());
+        // What is not followed, or failed, is below 0.
+        let off = (0..).zip(&found).filter(|(_, light)| **light >= 0.0);
+        let off = off
+            .map(|(index, light)| ((f64::from(*light) + dark) / (picture[place(index)] + dark)).ln().abs());
         self.devices.off.lock().unwrap().extend(off);
         Ok(())
     }
@@ -124,6 +125,18 @@ impl Device for Tampered {
         drop(followed);
         if let Tampering::Shift(part) = self.devices.tampering {
             block.pixels.iter_mut().for_each(|pixel| pixel.centre[0] += part);
+            block.tiles.iter_mut().for_each(|tile| tile.first[0] += part);
+        }
+        if let Tampering::Fail(count) = self.devices.tampering {
+            let mut number = 0;
+            for tile in &mut block.tiles {
+                for (pixels, returned) in tile.pixels.iter().zip(&mut tile.returned) {
+                    for pixel in (0..32).filter(|pixel| pixels >> pixel & 1 == 1) {
+                        *returned |= if number % count == 0 { 1 << pixel } else { 0 };
+                        number += 1;
+                    }
+                }
+            }
         }
         let found = self.device.follow(block)?;
         if let Tampering::Fail(count) = self.devices.tampering {
@@ -294,6 +307,25 @@ fn what_a_device_cannot_follow_the_processor_does_and_runs_give_the_same_bytes()
     let (mixed, _) = followed(&devices, &scene, &settings, Tampering::Fail(3));
     let (pixels, same, _) = alike(&own.events, &mixed.events);
     assert!(mixed.report.refollowed > 500 && 100 * same > 98 * pixels, "{same} of {pixels}");
+}
+
+#[test]
+fn bounds_prove_the_same_pixels_quiet_on_a_device() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
+    // Plain surfaces under a sun, some of which spin: a pixel is quiet through many blocks, and goes on when an edge comes.
+    let file = concat!(env!("CARGO_MANIFEST_DIR"), "/../evis-decoupled/examples/plain.toml");
+    let scene = evis_scene::source::load(file, 0).unwrap();
+    let settings = Settings { duration_us: 130_000, ..settings((96, 72)) };
+    let own = simulate(&scene, &settings).unwrap();
+    let outcome = simulated(&Arc::new(Tampers::new(&devices, Tampering::None)), &scene, &settings);
+    assert_alike("plain", &own, &outcome);
+    let [here, there] = [&own, &outcome].map(|run| run.report.quiet);
+    println!("{here} and {there} quiet of {} pixels' blocks", own.report.pixel_blocks);
+    assert!(4 * here > own.report.pixel_blocks, "{here} quiet");
+    assert!(here.abs_diff(there) * 200 < here, "{here} and {there} are quiet");
+    let kept = [&own, &outcome].map(|run| run.report.pixel_blocks);
+    assert_eq!(kept[0], kept[1]);
 }
 
 #[test]
