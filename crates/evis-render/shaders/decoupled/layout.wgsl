@@ -184,6 +184,8 @@ struct Pixel {
 const ROUNDS: u32 = 64u;
 // Of each round, and of the one after the last, of each class.
 const ROUND_COUNTS: u32 = CLASSES * (ROUNDS + 1u);
+// Workgroups that these take, along each axis.
+const GROUP_COUNTS: u32 = 3u * ROUND_COUNTS;
 
 struct Turn {
     // In which each pixel is evaluated once at most.
@@ -212,6 +214,7 @@ struct Events {
     failed: atomic<u32>,
     // Pixels to evaluate, by round.
     going_on: array<atomic<u32>, ROUND_COUNTS>,
+    groups: array<atomic<u32>, GROUP_COUNTS>,
     // Where the pixels of each class are listed; how many have as many entries, and how many of those are listed.
     firsts: array<atomic<u32>, CLASSES>,
     buckets: array<atomic<u32>, BUCKETS>,
@@ -388,6 +391,11 @@ fn loops_run(count: u32) -> bool {
     return turns == count;
 }
 
+// Where it is counted how many workgroups pixels of a class take in a round.
+fn groups_at(round: u32, kind: u32) -> u32 {
+    return 3u * (round * CLASSES + kind);
+}
+
 // Its class, as CLASS has it.
 fn class_of(flags: u32) -> u32 {
     let bent = (flags & IS_BENT) != 0u;
@@ -432,12 +440,10 @@ fn remember(at: u32, memory: Memory) {
 
 // Gives pixel `index`, of a tile, back to the host, with what it remembers.
 fn give_back(index: u32) {
-    let memory = memory_of(index);
     let at = batch.failed + FAILED_WORDS * atomicAdd(&events.failed, 1u);
     scratch[at] = index;
-    for (var k = 0u; k < MEMORY_WORDS; k++) {
-        scratch[at + 1u + k] = scratch[memory + k];
-    }
+    // No loop: a driver may end it early.
+    remember(at + 1u, memory_at(memory_of(index)));
 }
 
 fn tile_at(number: u32) -> Tile {

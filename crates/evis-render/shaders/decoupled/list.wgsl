@@ -13,6 +13,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             }
             atomicStore(&events.firsts[kind], first);
             atomicStore(&events.going_on[kind * (ROUNDS + 1u)], count);
+            atomicStore(&events.groups[groups_at(0u, kind)], (count + 63u) / 64u);
             first += count;
         }
     }

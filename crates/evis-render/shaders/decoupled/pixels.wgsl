@@ -356,6 +356,9 @@ fn follow_pixel(index: u32, pixel: Pixel) {
     if (!done && !failed) {
         let next = atomicAdd(&events.going_on[count_at(turn.round + 1u)], 1u);
         scratch[slot_at(turn.round + 1u, next)] = index;
+        if (next % 64u == 0u) {
+            atomicAdd(&events.groups[groups_at(turn.round + 1u, CLASS)], 1u);
+        }
     } else if (is_of_tile) {
         leave(index, pixel);
     }
@@ -380,7 +383,7 @@ fn leave(index: u32, pixel: Pixel) {
 
 @compute @workgroup_size(64)
 fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index) local: u32) {
-    let slot = (group.y * batch.row + group.x) * 64u + local;
+    let slot = group.x * 64u + local;
     if (slot >= atomicLoad(&events.going_on[count_at(turn.round)])) {
         return;
     }

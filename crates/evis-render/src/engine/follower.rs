@@ -19,7 +19,7 @@ use crate::gpu::readback::read;
 use crate::gpu::sizes::{self, UNIFORM_ALIGNMENT};
 use crate::gpu::uniforms::{Batch, Turn};
 use crate::pass::decoupled::{
-    CLASSES, GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH_WORDS, TOTAL_WORDS,
+    AXES, CLASSES, GROUP, HEAD_WORDS, PIXELS_BINDINGS, ROUNDS, SCRATCH_WORDS, TOTAL_WORDS,
 };
 use crate::pass::{ComputePass, decoupled, group};
 
@@ -32,6 +32,8 @@ const MOST_BYTES: u64 = 64 << 20;
 const MOST_LIGHT: u32 = 32 << 20;
 /// Two blocks: views whose blocks begin within one of another view go through stages together.
 const LONGEST_US: f64 = 2.0 * 32_768.0;
+/// Bytes of the workgroups of a round, of all classes.
+const GROUPS_BYTES: u64 = CLASSES as u64 * AXES as u64 * size_of::<u32>() as u64;
 /// Rounds beyond those in which pixels are evaluated where they surely are.
 const MORE_ROUNDS: u32 = 8;
 
@@ -139,21 +141,19 @@ fn class_of(pixel: &Pixel) -> usize {
     }
 }
 
-/// Pixels of each class that `block` may have.
-fn most_by_class(block: &Block) -> [u32; CLASSES] {
-    let mut most = [0; CLASSES];
-    block.pixels.iter().for_each(|pixel| most[class_of(pixel)] += 1);
-    let is_bent = |tile: &&Tile| tile.frames != packed::NO_FRAMES;
-    let bent = block.tiles.iter().filter(is_bent).count();
-    for (tiles, classes, mapped) in [
-        (block.tiles.len() - bent, &[decoupled::PLAIN, decoupled::OTHERS][..], decoupled::MAPPED),
-        (bent, &[decoupled::BENT], decoupled::BENT_MAPPED),
-    ] {
-        let own = (tiles * PIXELS) as u32;
-        let maps = [mapped].into_iter().filter(|_| block.has_maps);
-        classes.iter().copied().chain(maps).for_each(|class| most[class] += own);
+/// Which classes of pixels `block` may have.
+fn classes_of(block: &Block) -> [bool; CLASSES] {
+    let mut has = [false; CLASSES];
+    block.pixels.iter().for_each(|pixel| has[class_of(pixel)] = true);
+    for tile in &block.tiles {
+        let (classes, mapped) = match tile.frames {
+            packed::NO_FRAMES => (&[decoupled::PLAIN, decoupled::OTHERS][..], decoupled::MAPPED),
+            _ => (&[decoupled::BENT][..], decoupled::BENT_MAPPED),
+        };
+        classes.iter().for_each(|class| has[*class] = true);
+        has[mapped] |= block.has_maps;
     }
-    most
+    has
 }
 
 /// Where in the words of intermediate values what is.
@@ -253,6 +253,8 @@ struct Follower {
     scratch: GrowingBuffer,
     /// Rounds, and then a first one that goes on.
     turns: GrowingBuffer,
+    /// Workgroups of a round, by class.
+    groups: GrowingBuffer,
     /// Of sensors.
     stages: Option<Stages>,
 }
@@ -267,6 +269,8 @@ impl Follower {
             |round: u32| Turn { round: round % ROUNDS, first: u32::from(round == 0), ..Turn::default() };
         let all: Vec<Turn> = (0..=ROUNDS).map(turn).collect();
         turns.write(&gpu.device, &gpu.queue, &aligned(&all));
+        let mut groups = new("workgroups of a round", Usage::INDIRECT);
+        groups.reserve(&gpu.device, GROUPS_BYTES);
         let texels: &[u8] = bytemuck::cast_slice(&textures.rows);
         check(gpu, "textures", texels.len() as u64)?;
         // A binding is never empty.
@@ -294,6 +298,7 @@ impl Follower {
             events: new("events", Usage::STORAGE | Usage::COPY_SRC),
             scratch: new("scratch", Usage::STORAGE | Usage::COPY_SRC),
             turns,
+            groups,
             stages: None,
             gpu: gpu.clone(),
             passes: Arc::clone(&of.passes),
@@ -389,10 +394,12 @@ impl Follower {
             ..self.places
         };
         self.batch.write(device, queue, bytemuck::bytes_of(&batch));
-        queue.write_buffer(self.events.get(), 0, bytemuck::cast_slice(&[0_u32; HEAD_WORDS as usize]));
-        let mut going_on = most_by_class(block);
+        let mut head = vec![0_u32; HEAD_WORDS as usize];
+        begin_rounds(&mut head);
+        queue.write_buffer(self.events.get(), 0, bytemuck::cast_slice(&head));
+        let has = classes_of(block);
         let mut passes = Vec::new();
-        for class in (0..CLASSES).filter(|class| going_on[*class] > 0) {
+        for class in (0..CLASSES).filter(|class| has[*class]) {
             let pass = pass_of(&self.gpu, &self.passes, class).map_err(refused)?;
             passes.push((class, pass, self.bind(pass)));
         }
@@ -411,24 +418,25 @@ impl Follower {
             for round in 0..rounds {
                 let turn = if round == 0 { first } else { round };
                 let offset = turn * UNIFORM_ALIGNMENT as u32;
-                for (class, pass, group) in passes.iter().filter(|(class, ..)| going_on[*class] > 0) {
-                    let (own, rows) = sizes::dispatch(going_on[*class], GROUP);
-                    // Rows are as long as `Batch::row` says, if there are several.
-                    let own = if rows == 1 { own } else { columns };
-                    pass.encode(&mut commands, group, &[offset], (own, rows, 1));
+                let counted = (groups_at(round) * size_of::<u32>()) as u64;
+                let (events, groups) = (self.events.get(), self.groups.get());
+                commands.copy_buffer_to_buffer(events, counted, groups, 0, GROUPS_BYTES);
+                for (class, pass, group) in &passes {
+                    let counts = (groups, GROUPS_BYTES / CLASSES as u64 * *class as u64);
+                    pass.encode_indirect(&mut commands, group, &[offset], counts);
                 }
             }
             let head = read(&self.gpu, commands, &[(self.events.get(), bytes_of(0..u64::from(HEAD_WORDS)))]);
             let mut head = bytemuck::pod_collect_to_vec::<u8, u32>(&head.map_err(refused)?);
-            going_on = std::array::from_fn(|class| head[count_at(class, rounds)]);
+            let going_on: [u32; CLASSES] = std::array::from_fn(|class| head[count_at(class, rounds)]);
             if going_on == [0; CLASSES] {
                 return Ok(Totals { used: head[0], evaluations: head[1], quiet: head[2], failed: head[3] });
             }
             // The first round of what follows is the one after these.
-            for class in 0..CLASSES {
-                let counts = count_at(class, 0)..count_at(class, ROUNDS) + 1;
-                head[counts.clone()].fill(0);
-                head[counts.start] = going_on[class];
+            begin_rounds(&mut head);
+            for (class, going_on) in going_on.into_iter().enumerate() {
+                head[count_at(class, 0)] = going_on;
+                head[groups_at(0) + class * AXES as usize] = going_on.div_ceil(GROUP);
             }
             self.gpu.queue.write_buffer(self.events.get(), 0, bytemuck::cast_slice(&head));
             (commands, first) = (Commands::new(&self.gpu, "follow pixels"), ROUNDS);
@@ -454,6 +462,19 @@ impl Follower {
 /// Where it is counted how many pixels of a class go on in a round.
 fn count_at(class: usize, round: u32) -> usize {
     TOTAL_WORDS as usize + class * (ROUNDS as usize + 1) + round as usize
+}
+
+/// Where the workgroups of a round are counted, class by class.
+fn groups_at(round: u32) -> usize {
+    count_at(CLASSES, 0) + (round as usize * CLASSES) * AXES as usize
+}
+
+/// Clears what is counted for rounds.
+fn begin_rounds(head: &mut [u32]) {
+    head[count_at(0, 0)..groups_at(0)].fill(0);
+    for groups in head[groups_at(0)..groups_at(ROUNDS + 1)].chunks_exact_mut(AXES as usize) {
+        groups.copy_from_slice(&[0, 1, 1]);
+    }
 }
 
 /// Pixels of all tiles of a view.

@@ -158,6 +158,20 @@ impl Compute<'_> {
         self.pass.set_bind_group(0, group, offsets);
         self.pass.dispatch_workgroups(x, y, z);
     }
+
+    /// The same of as many workgroups as `counts` says at byte `at`, along each axis.
+    pub fn dispatch_indirect(
+        &mut self,
+        pipeline: &wgpu::ComputePipeline,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        (counts, at): (&wgpu::Buffer, u64),
+    ) {
+        *self.dispatches += 1;
+        self.pass.set_pipeline(pipeline);
+        self.pass.set_bind_group(0, group, offsets);
+        self.pass.dispatch_workgroups_indirect(counts, at);
+    }
 }
 
 /// A render pass being recorded.

@@ -28,8 +28,12 @@ pub const BENT_MAPPED: usize = 4;
 pub const CLASSES: usize = 5;
 /// Words before those that count pixels: events, evaluations, quiet pixels, and those that failed.
 pub const TOTAL_WORDS: u32 = 4;
-/// Words before the events: totals, then how many pixels of each class go on in each round, and what listing them needs; an even number.
-pub const HEAD_WORDS: u32 = TOTAL_WORDS + CLASSES as u32 * (ROUNDS + 1 + 1 + 2 * COUNTS);
+/// Words of what is counted of a class for each round: pixels that go on, and their workgroups along each axis.
+pub const ROUND_WORDS: u32 = 1 + AXES;
+/// Axes of a dispatch.
+pub const AXES: u32 = 3;
+/// Words before the events: totals, what is counted of each class for each round and once more, and what listing them needs.
+pub const HEAD_WORDS: u32 = TOTAL_WORDS + CLASSES as u32 * (ROUND_WORDS * (ROUNDS + 1) + 1 + 2 * COUNTS);
 
 /// `decoupled/pixels.wgsl`, and those before it.
 pub const PIXELS_BINDINGS: &[Binding] = &[

@@ -308,6 +308,17 @@ impl ComputePass {
         encoder.compute(self.file).dispatch(&self.pipeline, group, offsets, workgroups);
     }
 
+    /// Records the pass alone, with as many workgroups as a buffer says at a byte, along each axis.
+    pub fn encode_indirect(
+        &self,
+        encoder: &mut Commands,
+        group: &wgpu::BindGroup,
+        offsets: &[u32],
+        counts: (&wgpu::Buffer, u64),
+    ) {
+        encoder.compute(self.file).dispatch_indirect(&self.pipeline, group, offsets, counts);
+    }
+
     /// Records the pass over `tiles` tiles, a workgroup each, with the `job`th entry of its uniforms.
     pub fn encode_tiles(&self, encoder: &mut Commands, group: &wgpu::BindGroup, job: u32, tiles: u32) {
         let (x, y) = sizes::dispatch(tiles, 1);

@@ -711,7 +711,8 @@ fn constants_agree() {
     // The counter of events, and a number for each class, round, and the one after the last.
     let events = wgsl_struct("decoupled/pixels.wgsl", "Events").0;
     let at = |name: &str| events.iter().find(|(field, _)| field == name).map(|(_, at)| *at);
-    let words = [("going_on", decoupled::TOTAL_WORDS), ("fired", decoupled::HEAD_WORDS)];
+    let groups = decoupled::TOTAL_WORDS + decoupled::CLASSES as u32 * (decoupled::ROUNDS + 1);
+    let words = [("going_on", decoupled::TOTAL_WORDS), ("groups", groups), ("fired", decoupled::HEAD_WORDS)];
     words.iter().for_each(|(name, words)| assert_eq!(at(name), Some(4 * words), "{name}"));
     // Times of the instants and of the one before them fit the uniform.
     let params = uniforms::TriggerParams::default();
