@@ -22,7 +22,7 @@ struct Idle(Arc<Given>);
 #[derive(Debug, Default)]
 struct Given {
     pixels: AtomicU64,
-    /// Of entries, words, points, pixels and light, and what is kept.
+    /// Of entries, words and tiles, points, pixels, and what is kept.
     bytes: [AtomicU64; 5],
 }
 
@@ -45,9 +45,14 @@ impl Device for IdleDevice {
 
     fn follow(&mut self, block: &mut Block) -> Result<Found, Error> {
         self.0.pixels.fetch_add(block.pixel_count() as u64, Ordering::Relaxed);
-        for (sum, bytes) in
-            self.0.bytes.iter().zip(block.bytes().into_iter().chain([size_of_val(&block.kept[..])]))
-        {
+        let bytes = [
+            size_of_val(&block.entries[..]),
+            size_of_val(&block.words[..]) + size_of_val(&block.tiles[..]),
+            size_of_val(&block.points[..]),
+            size_of_val(&block.pixels[..]),
+            size_of_val(&block.kept[..]),
+        ];
+        for (sum, bytes) in self.0.bytes.iter().zip(bytes) {
             sum.fetch_add(bytes as u64, Ordering::Relaxed);
         }
         Ok(Found { light: vec![0.0; block.light], ..Found::default() })
@@ -78,7 +83,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let resting = 100.0 * r.resting as f64 / r.pixel_blocks.max(1) as f64;
     println!(
         "{name} {w}x{h}: {:.2} core-seconds per simulated second (lists {:.2}, light {:.2}, tiles {:.2}); {:.0} pixels per block, MB of \
-         entries, words, points, pixels and what is kept: {megabytes:.1?}, {:.0} places shaded; {resting:.1} % of pixels' blocks rest",
+         entries, words and tiles, points, pixels and what is kept: {megabytes:.1?}, {:.0} places shaded; {resting:.1} % of pixels' blocks rest",
         cpu / seconds,
         share(r.lists_s),
         share(r.light_s),

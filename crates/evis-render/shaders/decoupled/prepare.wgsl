@@ -41,7 +41,8 @@ fn is_shadowed(entry: u32) -> bool {
     return false;
 }
 
-// Begins what pixel `number` of a tile remembers, or takes it from the host, where either is needed.
+// Begins what pixel `number` of a tile remembers, or takes it from the host, where either is needed. No light is between the levels of one
+// that begins here.
 fn enter_memory(tile: Tile, at: u32) {
     if (has_bit(tile.begins, number)) {
         remember(at, Memory(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, BEGINS, 0u));
@@ -82,7 +83,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         enter_memory(tile, memory_word);
         memory = memory_at(memory_word);
     }
-    var is_quiet = follows && !alone && (memory.flags & BEGINS) == 0u;
+    var is_quiet = follows && !alone;
     let low = memory.below + (TOLERANCE + LEVEL_SLACK) * (abs(memory.below) + dark_floor());
     let high = memory.above - (TOLERANCE + LEVEL_SLACK) * (abs(memory.above) + dark_floor());
     var is_plain = false;
