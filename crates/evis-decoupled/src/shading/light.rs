@@ -209,6 +209,8 @@ pub struct TileLight {
     /// Per slot, bounds of its light, found when they are first asked for, and maybe none; empty until any are asked for.
     bounds: Vec<Option<Option<Bounds<MOST_OWN>>>>,
     view: TileView,
+    /// The same with the tile's side as unit.
+    whole: TileView,
     /// Where lamps that rest shine on parts of facets that do: what moves there throws a shadow on them, maybe. Without a beam it may
     /// be anywhere.
     pub beams: Vec<Option<Beam>>,
@@ -289,6 +291,9 @@ struct Slot {
     shaded: bool,
     /// The part of the facet that the tile sees.
     range: [[f64; 2]; 2],
+    /// 1/depth of its plane as the tile sees it at the start, middle and end of its span, with the tile's side as unit; `None` where it
+    /// does not throughout.
+    plane: Option<[Line; 3]>,
     level: [u32; 2],
     /// Pixels that may see it.
     touches: u64,
@@ -460,6 +465,7 @@ impl<'a> Lighting<'a> {
         tile.line_starts.clear();
         tile.lines.clear();
         tile.view = self.world.tile(place);
+        tile.whole = tile.view.in_units_of(TILE as f64);
     }
 
     /// Gathers the light of entry `slot` of a tile, which is `record`, number `index` of the block.
@@ -471,10 +477,10 @@ impl<'a> Lighting<'a> {
 
     /// Finds what throws shadows on entry `slot`; before its light is asked for.
     #[inline(always)]
-    pub fn shade_slot(&self, tile: &mut TileLight, record: &Record, index: u32, slot: usize) {
+    pub fn shade_slot(&self, tile: &mut TileLight, record: &Record, slot: usize) {
         if !tile.slots[slot].shaded {
             let mut own = tile.slots[slot];
-            self.find_occluders(tile, &mut own, record, index, Casters::Still);
+            self.find_occluders(tile, &mut own, record, Casters::Still);
             own.shaded = true;
             tile.slots[slot] = own;
         }
@@ -515,8 +521,11 @@ impl<'a> Lighting<'a> {
         // Where the tile sees the facet, in (s, t).
         let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
         let mut front = true;
-        for sight in self.receivers(record, &tile.view).into_iter().flatten() {
+        let mut planes = [None; 3];
+        for (plane, sight) in planes.iter_mut().zip(self.sights(record, &tile.whole)) {
+            let Some(sight) = sight else { continue };
             let Some(fragment) = sight.at(index, &WHOLE, false) else { continue };
+            *plane = Some(fragment.inverse_depth);
             front = sight.front;
             for corner in Polygon::within(fragment.crossing()).corners() {
                 let place = sight.place(*corner);
@@ -529,6 +538,9 @@ impl<'a> Lighting<'a> {
         }
         if low[0] > high[0] {
             (low, high) = ([0.0; 2], [1.0; 2]);
+        }
+        if let [Some(start), Some(middle), Some(end)] = planes {
+            slot.plane = Some([start, middle, end]);
         }
         let level = [0, 1].map(|k| {
             let wanted = (1.0 / (high[k] - low[k]).max(1e-6)).log2().floor();
@@ -562,7 +574,7 @@ impl<'a> Lighting<'a> {
         }
         slot.shaded = slot.lit == 0;
         if !slot.shaded && !self.moving.is_empty() {
-            self.find_occluders(tile, &mut slot, record, index, Casters::Moving);
+            self.find_occluders(tile, &mut slot, record, Casters::Moving);
         }
         slot
     }

@@ -305,7 +305,7 @@ impl Evaluator<'_> {
                 return true;
             }
             // What stands still may throw no shadow there.
-            self.lighting.shade_slot(light, record, own.record, slot);
+            self.lighting.shade_slot(light, record, slot);
             within(light.range(&bounds, slot, pixel))
         })
     }
@@ -329,7 +329,7 @@ impl Evaluator<'_> {
         let first = packer.row.entries.len();
         for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| seen(entry)) {
             let of = (record(entry), entry.record);
-            lighting.shade_slot(&mut work.light, of.0, of.1, slot);
+            lighting.shade_slot(&mut work.light, of.0, slot);
             lighting.pack_entry(&work.light, slot, of, packer);
             let bounds = lighting.pack_bounds(&mut work.light, (slot, of.0.facet), packer);
             let Some(packed) = packer.row.entries.last_mut() else { continue };
@@ -397,7 +397,7 @@ impl Evaluator<'_> {
         let mut numbers = vec![0; entries.len()];
         for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| seen(entry)) {
             let of = (record(entry), entry.record);
-            lighting.shade_slot(&mut work.light, of.0, of.1, slot);
+            lighting.shade_slot(&mut work.light, of.0, slot);
             numbers[slot] = lighting.pack_entry(&work.light, slot, of, packer);
         }
         let packed = |pixel: usize| {
@@ -475,7 +475,7 @@ impl Evaluator<'_> {
     fn of_one(&self, work: &mut Work, slot: usize, index: u32, at: &Instant) -> f64 {
         let Some(sight) = self.sight(work, slot, index, at) else { return 0.0 };
         let sight = &work.sights[sight as usize];
-        self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
+        self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], slot);
         let (pixel, frame) = (work.pixel, work.view.pixel(work.pixel));
         let part = Part { slot, sight, moments: &Moments::PIXEL, regions: None, pixel, frame };
         self.lighting.of_part(&mut work.light, &part, at)
@@ -526,7 +526,7 @@ impl Evaluator<'_> {
             }
             if alone != 0 {
                 let index = entries[slot].record;
-                self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], index, slot);
+                self.lighting.shade_slot(&mut work.light, &self.lists.records[index as usize], slot);
                 self.lighting.of_pixels(&mut work.light, (slot, sight), alone, at, &mut luminance);
             }
         }
@@ -582,7 +582,7 @@ impl Evaluator<'_> {
             let plain = backdrop.is_none_or(|k| {
                 let (slot, index) = (work.seen[k].0, fragments[k].record);
                 let record = &self.lists.records[index as usize];
-                self.lighting.shade_slot(&mut work.light, record, index, slot);
+                self.lighting.shade_slot(&mut work.light, record, slot);
                 !self.lighting.is_shadowed(&work.light, slot, work.pixel)
             });
             work.regions.find(fragments, &self.world.neighbors, (backdrop, plain));
@@ -597,7 +597,7 @@ impl Evaluator<'_> {
                 let pixel = work.pixel;
                 let index = fragment.record;
                 let record = &self.lists.records[index as usize];
-                self.lighting.shade_slot(&mut work.light, record, index, slot);
+                self.lighting.shade_slot(&mut work.light, record, slot);
                 let part = Part { slot, sight, moments, regions, pixel, frame };
                 sum += self.lighting.of_part(&mut work.light, &part, &at);
             }

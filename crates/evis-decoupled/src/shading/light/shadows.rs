@@ -6,11 +6,10 @@ use std::sync::{Arc, OnceLock};
 use glam::DVec3;
 
 use super::{
-    Casters, Instant, Key, Lighting, MOST_OWN, Part, Shade, Shadowed, Slot, TileLight, WHOLE, part_between,
-    sphere,
+    Casters, Instant, Key, Lighting, MOST_OWN, Part, Shade, Shadowed, Slot, TileLight, part_between, sphere,
 };
 use crate::scene::facets::{ALONE, wide};
-use crate::scene::tiles::{TILE, TileView};
+use crate::scene::tiles::TileView;
 use crate::scene::world::Frame;
 use crate::shading::shadow::{Beam, DarkSpace, Hull, Occluder, Reached, Receiver, ScreenLamp, Tree};
 use crate::visibility::coverage::Moments;
@@ -203,13 +202,12 @@ impl Lighting<'_> {
         tile: &mut TileLight,
         slot: &mut Slot,
         record: &Record,
-        index: u32,
         casters: Casters,
     ) {
         let facet = record.facet;
         let f = &self.world.facets[facet as usize];
         let surface = f.surface as usize;
-        let (mut receiver, mut tile_units, mut part) = (None, None, None);
+        let (mut receiver, mut part) = (None, None);
         for (number, &lamp) in self.own.iter().enumerate() {
             let [a, b] = ENDS.map(|end| &self.lamps[end][lamp]);
             if slot.lit >> number & 1 == 0 || !a.casts_shadow || slot.shades[number].dark == u64::MAX {
@@ -299,13 +297,10 @@ impl Lighting<'_> {
                         continue;
                     }
                 }
-                let view = tile_units.get_or_insert_with(|| tile.view.in_units_of(TILE as f64));
-                let receiver = receiver.get_or_insert_with(|| {
-                    // Where the tile does not see it, nothing is known.
-                    let of = |s: Sight| s.at(index, &WHOLE, false).map(|f| f.inverse_depth);
-                    let [a, b, c] = self.receivers(record, &tile.view).map(|s| s.and_then(of));
-                    Some(Receiver::new([a?, b?, c?], view))
-                });
+                let view = &tile.whole;
+                // Where the tile does not see it, nothing is known.
+                let plane = &slot.plane;
+                let receiver = receiver.get_or_insert_with(|| plane.map(|lines| Receiver::new(lines, view)));
                 let inner = self.inner_edges(id, number);
                 let (lamp, receiver) = (&self.screen_lamps[number], (receiver.as_ref(), record.u));
                 let found = occluder.pixels((number, lamp), receiver, view, (slot.touches, inner));
@@ -422,10 +417,9 @@ impl Lighting<'_> {
         Sight::new(record, view, 0.0, &self.depths).map_or(0, |sight| sight.centres())
     }
 
-    /// A facet as a tile sees it at the start, middle and end of its span, with the tile's side as unit.
-    pub(super) fn receivers(&self, record: &Record, view: &TileView) -> [Option<Sight>; 3] {
-        let view = view.in_units_of(TILE as f64);
-        [0.0, 0.5, 1.0].map(|v| Sight::new(record, &view, v, &self.depths))
+    /// A facet as a tile sees it at the start, middle and end of its span.
+    pub(super) fn sights(&self, record: &Record, view: &TileView) -> [Option<Sight>; 3] {
+        [0.0, 0.5, 1.0].map(|v| Sight::new(record, view, v, &self.depths))
     }
 
     /// What a still facet hides from lamp `number`, which is still.

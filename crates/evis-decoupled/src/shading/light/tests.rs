@@ -53,7 +53,7 @@ fn nothing_that_darkens_is_left_out(
         for (number, entry) in entries.iter().enumerate() {
             let record = &lists.records[entry.record as usize];
             lighting.ready(&mut tile, record, entry.record, number);
-            lighting.shade_slot(&mut tile, record, entry.record, number);
+            lighting.shade_slot(&mut tile, record, number);
             let slot = tile.slots[number];
             let pixel = (entry.touches.trailing_zeros() as usize * 5 + 3 * row) % 64;
             if entry.touches >> pixel & 1 == 0 || slot.lit & 1 == 0 || (5 * row + column) % tiles > 0 {
