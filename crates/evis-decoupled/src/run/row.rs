@@ -14,7 +14,7 @@ use crate::run::settings::Report;
 use crate::scene::tiles::{PIXELS, TILE};
 use crate::scene::world::World;
 use crate::shading::light::bits;
-use crate::shading::light::packed::{RowPacker, halves};
+use crate::shading::light::packed::{RowPacker, halves, whole};
 use crate::shading::shadow::Beam;
 use crate::signal::events::Thresholds;
 use crate::signal::knots::{Knots, TileLuminance, TileSignal};
@@ -355,8 +355,10 @@ impl Row {
             let path = &mut self.paths[column * PIXELS + number];
             *path = path.take().or_else(|| PixelPath::unpack(block, following.number, memory));
         }
-        for &column in &self.prepared {
-            bits(self.kept[column]).for_each(|number| self.paths[column * PIXELS + number] = None);
+        // And is another one after it.
+        for (tile, &column) in self.packer.row.tiles.iter().zip(&self.prepared) {
+            let given = whole(tile.given) & self.kept[column];
+            bits(given).for_each(|number| self.paths[column * PIXELS + number] = None);
         }
         for event in fired {
             let (column, number) = place(event.pixel);

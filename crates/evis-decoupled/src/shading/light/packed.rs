@@ -91,6 +91,11 @@ pub fn halves(mask: u64) -> [u32; 2] {
     [mask as u32, (mask >> 32) as u32]
 }
 
+/// The mask of which these are the halves.
+pub fn whole([low, high]: [u32; 2]) -> u64 {
+    u64::from(low) | u64::from(high) << 32
+}
+
 /// Luminance of the sky of `scene`, where it is seen.
 pub fn pack_sky(scene: &Scene) -> Option<packed::Sky> {
     let environment = scene.environment.as_ref().filter(|environment| environment.visible)?;

@@ -13,7 +13,7 @@ use evis_decoupled::{
     Device, Devices, Error, Outcome, Settings, Stages, Stream, StreamSettings, View, ViewSensor, simulate,
 };
 use evis_scene::environment::Environment;
-use evis_scene::motion::Path;
+use evis_scene::motion::{Path, PathInterpolation};
 use evis_scene::{Distortion, Lens, Material, Motion, Scene, TextureRef, Trs, Variant};
 use evis_truth::{PixelChoice, TruthSettings};
 use glam::DVec3;
@@ -324,8 +324,50 @@ fn bounds_prove_the_same_pixels_quiet_on_a_device() {
     println!("{here} and {there} quiet of {} pixels' blocks", own.report.pixel_blocks);
     assert!(4 * here > own.report.pixel_blocks, "{here} quiet");
     assert!(here.abs_diff(there) * 200 < here, "{here} and {there} are quiet");
-    let kept = [&own, &outcome].map(|run| run.report.pixel_blocks);
-    assert_eq!(kept[0], kept[1]);
+    // After the first block, in which a device finds each pixel's reference: those that were quiet are evaluated where they go on.
+    let first = Settings { duration_us: 2048, ..settings };
+    let [own_first, first] = [
+        simulate(&scene, &first).unwrap(),
+        simulated(&Arc::new(Tampers::new(&devices, Tampering::None)), &scene, &first),
+    ]
+    .map(|run| run.report.evaluations);
+    let counts = [own.report.evaluations - own_first, outcome.report.evaluations - first];
+    assert_as_often("plain", counts, 1000);
+}
+
+/// Asserts that two evaluate pixels as often, but for one of `part` times: what pixels remember between blocks decides how often.
+fn assert_as_often(name: &str, [here, there]: [u64; 2], part: u64) {
+    println!("{name}: evaluated {here} and {there} times");
+    assert!(here.abs_diff(there) * part < here, "{name}: {here} and {there}");
+}
+
+#[test]
+fn what_pixels_remember_is_of_the_block_before_alone() {
+    let Some(gpu) = crate::tests::device() else { return };
+    let devices = Arc::new(Followers::new(&gpu).unwrap());
+    // A camera that stands between two ways: pixels rest for some blocks, and go on from where they were.
+    let mut scene = evis_scene::builtin::load("spinner", 0).unwrap();
+    let node = scene.cameras[0].node;
+    let mut state = evis_scene::SceneState::default();
+    scene.evaluate(0.0, &mut state);
+    let (_, rotation, start) = state.world_from_node[node].to_scale_rotation_translation();
+    let way = rotation * DVec3::new(0.06, 0.02, -0.06);
+    scene.nodes[node].parent = None;
+    scene.nodes[node].motion = Motion::Path(
+        Path::Keys {
+            times: vec![0.0, 0.02, 0.08, 0.1],
+            positions: [0.0, 1.0, 1.0, 2.0].map(|part| start + way * part).to_vec(),
+            rotations: vec![rotation; 4],
+            velocities: Vec::new(),
+            interpolation: PathInterpolation::Linear,
+        }
+        .into(),
+    );
+    let settings = Settings { duration_us: 100_000, ..settings((96, 72)) };
+    let own = simulate(&scene, &settings).unwrap();
+    let outcome = simulated(&Arc::new(Tampers::new(&devices, Tampering::None)), &scene, &settings);
+    assert_alike("stop and go", &own, &outcome);
+    assert_as_often("stop and go", [&own, &outcome].map(|run| run.report.evaluations), 10_000);
 }
 
 #[test]
