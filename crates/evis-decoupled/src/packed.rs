@@ -542,7 +542,7 @@ mod tests {
             pixels: vec![Pixel::default(); 2],
             light: 3,
             tiles: columns.iter().map(|k| Tile { own: 10 * k, ..Tile::default() }).collect(),
-            own: 50,
+            own: if columns.is_empty() { 0 } else { 50 },
             least_stride: columns.iter().copied().max(),
             ..Row::default()
         };
