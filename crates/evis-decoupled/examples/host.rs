@@ -22,7 +22,7 @@ struct Idle(Arc<Given>);
 #[derive(Debug, Default)]
 struct Given {
     pixels: AtomicU64,
-    /// Of entries, words and tiles, points, pixels, and what is kept.
+    /// See [`Block::sent_bytes`].
     bytes: [AtomicU64; 5],
 }
 
@@ -45,14 +45,7 @@ impl Device for IdleDevice {
 
     fn follow(&mut self, block: &mut Block) -> Result<Found, Error> {
         self.0.pixels.fetch_add(block.pixel_count() as u64, Ordering::Relaxed);
-        let bytes = [
-            size_of_val(&block.entries[..]),
-            size_of_val(&block.words[..]) + size_of_val(&block.tiles[..]),
-            size_of_val(&block.points[..]),
-            size_of_val(&block.pixels[..]),
-            size_of_val(&block.kept[..]),
-        ];
-        for (sum, bytes) in self.0.bytes.iter().zip(bytes) {
+        for (sum, bytes) in self.0.bytes.iter().zip(block.sent_bytes()) {
             sum.fetch_add(bytes as u64, Ordering::Relaxed);
         }
         Ok(Found { light: vec![0.0; block.light], ..Found::default() })

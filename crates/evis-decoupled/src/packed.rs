@@ -8,8 +8,10 @@ use std::sync::Arc;
 
 use bytemuck::{Pod, Zeroable};
 
-/// Pixels of a tile, 8 by 8, row by row.
-pub const PIXELS: usize = 64;
+/// Pixels along each side of a tile.
+pub const TILE: usize = 8;
+/// Pixels of a tile, row by row.
+pub const PIXELS: usize = TILE * TILE;
 /// Most lamps whose light is kept apart, as there are bits in a byte; further ones throw no shadows.
 pub const MOST_OWN: usize = 8;
 
@@ -39,11 +41,11 @@ pub const GLOWS_APART: u32 = 64;
 pub const SHARP: u32 = 128;
 /// [`Entry::flags`]: its light has [`Entry::bounds`].
 pub const BOUNDED: u32 = 256;
-/// [`Memory::flags`], [`Pixel::flags`]: there is light before the last.
+/// [`Memory::flags`]: there is light before the last.
 pub const HAS_BEFORE: u32 = 1;
-/// [`Memory::flags`], [`Pixel::flags`]: it was not followed through the block before.
+/// [`Memory::flags`]: it was not followed through the block before.
 pub const RESTED: u32 = 2;
-/// [`Memory::flags`], [`Pixel::flags`]: it was never followed, and its reference is what it sees at the start.
+/// [`Memory::flags`]: it was never followed, and its reference is what it sees at the start.
 pub const BEGINS: u32 = 4;
 /// [`Pixel::flags`]: one facet fills it throughout, and no shadow comes into it.
 pub const PLAIN: u32 = 8;
@@ -145,24 +147,29 @@ pub struct Entry {
     pub covers: [u32; 2],
     /// Those into which a shadow of what moves may come.
     pub moved: [u32; 2],
-    /// How closely a pixel that sees it is followed, see [`pace`].
-    pub pace: u32,
+    /// How often a pixel that sees it is evaluated, see [`strides`].
+    pub strides: u32,
     /// The same of one into which such a shadow may come.
-    pub moved_pace: u32,
+    pub moved_strides: u32,
     /// First word of its light's bounds, least and most luminance: of what no shadow falls on, then of each lamp that is kept apart.
     pub bounds: u32,
     /// Zero.
     pub pad: [u32; 3],
 }
 
-/// How closely a pixel is followed: units between evaluations, and above [`PACE_BITS`] those to which intervals are halved at most,
+/// How often a pixel is evaluated: units between evaluations, and above [`STRIDE_BITS`] those to which intervals are halved at most,
 /// which are at least 1. 0 of what stays as it is.
-pub const fn pace(stride: u32, least: u32) -> u32 {
-    stride | least << PACE_BITS
+pub const fn strides(stride: u32, least: u32) -> u32 {
+    stride | least << STRIDE_BITS
 }
 
-/// See [`pace`].
-pub const PACE_BITS: u32 = 16;
+/// Units between evaluations of such.
+pub const fn stride_of(strides: u32) -> u32 {
+    strides & ((1 << STRIDE_BITS) - 1)
+}
+
+/// See [`strides`].
+pub const STRIDE_BITS: u32 = 16;
 
 /// A tile whose pixels a device prepares from its entries, and keeps.
 #[repr(C)]
@@ -194,8 +201,8 @@ pub struct Tile {
     pub view: u32,
     /// See there.
     pub place: u32,
-    /// How closely a pixel is followed that sees what lies behind everything, see [`pace`].
-    pub background_pace: u32,
+    /// How often a pixel is evaluated that sees what lies behind everything, see [`strides`].
+    pub background_strides: u32,
     /// Of a distorted lens: first of the rows of [`Row::points`] of its pixels, six each, as [`Pixel::frame`] has them; otherwise
     /// [`NO_FRAMES`].
     pub frames: u32,
@@ -288,19 +295,10 @@ pub struct Pixel {
     /// Units to which intervals are halved; where light is wanted throughout the block ([`SENSES`]), its first number of
     /// [`Block::light`]: what it sees at the start and, unless that stays, at the end of each part of an interval.
     pub least: u32,
-    /// Luminance at the start; then at the end.
-    pub last: f32,
-    /// Microseconds from the start, and luminance, of an evaluation before.
-    pub before_us: f32,
-    /// See there.
-    pub before: f32,
-    /// Logarithm of the reference.
-    pub log: f32,
-    /// Luminance of the next ON event.
-    pub above: f32,
-    /// Luminance of the next OFF event.
-    pub below: f32,
-    /// [`HAS_BEFORE`], [`RESTED`], [`BEGINS`], [`PLAIN`], [`BENT`], [`MAPPED`].
+    /// What it remembers: at the start of the block, then as far as it is followed. Where light is wanted throughout, that it saw last
+    /// counts alone.
+    pub memory: Memory,
+    /// [`PLAIN`], [`BENT`], [`MAPPED`].
     pub flags: u32,
     /// Evaluations.
     pub evaluations: u32,
@@ -347,13 +345,20 @@ pub struct Row {
     pub tiles: Vec<Tile>,
     /// Entries of all pixels of these, together.
     pub own: usize,
-    /// Least [`Tile`]'s units between evaluations, beside 0.
-    pub least_stride: Option<u32>,
-    /// Whether any of them has maps.
-    pub has_maps: bool,
 }
 
 impl Row {
+    /// Empties it; its arrays keep their memory.
+    pub fn clear(&mut self) {
+        let Self { entries, words, points, pixels, light, tiles, own } = self;
+        entries.clear();
+        words.clear();
+        points.clear();
+        pixels.clear();
+        tiles.clear();
+        (*light, *own) = (0, 0);
+    }
+
     /// Bytes of each of its arrays.
     pub fn bytes(&self) -> [usize; 4] {
         let Self { entries, words, points, pixels, light, tiles, own, .. } = self;
@@ -366,8 +371,9 @@ impl Row {
     }
 }
 
-/// Bytes of what a device keeps of a pixel that it prepares while it follows a block, as a part of what such an array may have.
-const PREPARED_BYTES: usize = 100;
+/// Half of the bytes that a device may take for what it knows of a pixel of a tile while it follows a block: arrays of a block have half
+/// of what a binding holds.
+pub const PREPARED_BYTES: usize = 100;
 
 /// Light and lists count as pixels do: they lie beside what is known of them between evaluations.
 fn bytes_of(
@@ -405,10 +411,6 @@ pub struct Block {
     pub tiles: Vec<Tile>,
     /// Entries of all pixels of these, together.
     pub own: usize,
-    /// See [`Row::least_stride`].
-    pub least_stride: Option<u32>,
-    /// See [`Row::has_maps`].
-    pub has_maps: bool,
 }
 
 /// What a device finds of a block, beside what becomes of its pixels.
@@ -459,8 +461,7 @@ impl Block {
         self.pixels.clear();
         self.jobs.clear();
         self.tiles.clear();
-        (self.kept_from, self.light, self.light_stays) = (kept_from, 0, light_stays);
-        (self.own, self.least_stride, self.has_maps) = (0, None, false);
+        (self.kept_from, self.light, self.light_stays, self.own) = (kept_from, 0, light_stays, 0);
     }
 
     /// Pixels that a device follows, or may.
@@ -485,9 +486,19 @@ impl Block {
         let of = |tile: &Tile| Tile { bases: bases as u32, own: own + tile.own, view: view as u32, ..*tile };
         self.tiles.extend(row.tiles.iter().map(of));
         self.own += row.own;
-        self.has_maps |= row.has_maps;
-        let strides = [self.least_stride, row.least_stride];
-        self.least_stride = strides.into_iter().flatten().min();
+    }
+
+    /// Bytes that go up: of entries, words and tiles, points, pixels, and what is kept from now on.
+    pub fn sent_bytes(&self) -> [usize; 5] {
+        let Self { entries, words, points, pixels, tiles, kept, .. } = self;
+        let words = size_of_val(&words[..]) + size_of_val(&tiles[..]);
+        [
+            size_of_val(&entries[..]),
+            words,
+            size_of_val(&points[..]),
+            size_of_val(&pixels[..]),
+            size_of_val(&kept[..]),
+        ]
     }
 
     /// Bytes of each of its arrays, as [`Row::bytes`] has them.
@@ -543,7 +554,6 @@ mod tests {
             light: 3,
             tiles: columns.iter().map(|k| Tile { own: 10 * k, ..Tile::default() }).collect(),
             own: if columns.is_empty() { 0 } else { 50 },
-            least_stride: columns.iter().copied().max(),
             ..Row::default()
         };
         let mut block = Block { jobs: vec![Job::default()], ..Block::default() };
@@ -556,6 +566,8 @@ mod tests {
         assert_eq!((block.light, block.pixel_count()), (9, 6 + 192));
         let tiles: Vec<_> = block.tiles.iter().map(|tile| [tile.view, tile.own, tile.bases]).collect();
         assert_eq!(tiles, [[0, 0, 9], [0, 20, 9], [1, 50 + 10, 14]]);
-        assert_eq!((block.own, block.least_stride), (100, Some(1)));
+        assert_eq!(block.own, 100);
+        let (tile, pixel) = (size_of::<Tile>(), size_of::<Pixel>());
+        assert_eq!(block.sent_bytes(), [0, 4 * block.words.len() + 3 * tile, 16 * 4, 6 * pixel, 0]);
     }
 }

@@ -63,18 +63,13 @@ impl Device for TimedDevice {
         taken.cpu += clock::cpu_seconds() - before;
         taken.blocks += 1;
         taken.pixels += block.pixel_count() as u64;
-        let sizes = [
-            size_of_val(&block.entries[..]),
-            size_of_val(&block.words[..]),
-            size_of_val(&block.tiles[..]),
-            size_of_val(&block.points[..]),
-            size_of_val(&block.kept[..]),
-            2 * size_of_val(&block.pixels[..]),
+        let returned = [
+            size_of_val(&block.pixels[..]),
             size_of_val(&found.light[..]),
             size_of_val(&found.events[..]),
             size_of_val(&found.failed[..]),
         ];
-        taken.bytes += sizes.into_iter().sum::<usize>() as u64;
+        taken.bytes += block.sent_bytes().into_iter().chain(returned).sum::<usize>() as u64;
         taken.light += if block.light_stays { 4 * block.light as u64 } else { 0 };
         Ok(found)
     }

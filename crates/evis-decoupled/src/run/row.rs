@@ -171,12 +171,11 @@ fn jumps_of(block: Block, begins: bool) -> bool {
     block.jump && !begins
 }
 
-/// Pixels of the tile at (column, row) that are in the picture and see anything.
-fn pixels_in_picture(world: &World, [column, row]: [usize; 2]) -> u64 {
+/// Pixels of the tile in `work`, at (column, row), that are in the picture and see anything.
+fn pixels_in_picture(world: &World, work: &Work, [column, row]: [usize; 2]) -> u64 {
     let [width, height] = [world.lens.width, world.lens.height].map(|v| v as usize);
-    let seen = world.tile([column, row]).pixels;
     let inside = |pixel: &usize| column * TILE + pixel % TILE < width && row * TILE + pixel / TILE < height;
-    bits(seen).filter(inside).fold(0, |pixels, pixel| pixels | 1 << pixel)
+    bits(work.pixels()).filter(inside).fold(0, |pixels, pixel| pixels | 1 << pixel)
 }
 
 /// The middle of the picture without distortion.
@@ -326,7 +325,7 @@ impl Row {
             if stays.is_some()
                 && let Some(Some(light)) = self.lights.get_mut(column)
             {
-                light[number] = f64::from(pixel.last);
+                light[number] = f64::from(pixel.memory.last);
             }
         }
     }
@@ -351,11 +350,11 @@ impl Row {
             let (column, number) = place(*pixel);
             self.failed[column] |= 1 << number;
             self.kept[column] &= !(1 << number);
-            // What was given for this block is known in 64 bits.
+            // What was given for this block is known here in 64 bits.
             let path = &mut self.paths[column * PIXELS + number];
             *path = path.take().or_else(|| PixelPath::unpack(block, following.number, memory));
         }
-        // And is another one after it.
+        // Where the device has followed it, that is out of date.
         for (tile, &column) in self.packer.row.tiles.iter().zip(&self.prepared) {
             let given = whole(tile.given) & self.kept[column];
             bits(given).for_each(|number| self.paths[column * PIXELS + number] = None);
@@ -523,6 +522,21 @@ impl Row {
         }
     }
 
+    /// Counts what a tile's `pixels` see, so many entries together, and lets it rest where all of them are `still`.
+    fn count_tile(
+        &mut self,
+        work: &Work,
+        evaluator: &Evaluator,
+        column: usize,
+        (still, pixels, entries): (bool, u64, u64),
+    ) {
+        self.report.entries += entries;
+        self.report.pixel_blocks += u64::from(pixels.count_ones());
+        let version = evaluator.lighting.version();
+        self.resting[column] =
+            still.then(|| Resting { version, beams: work.beams().into(), pixels, entries });
+    }
+
     /// Leaves a tile to a device, which prepares its pixels and keeps them.
     fn leave(
         &mut self,
@@ -535,17 +549,10 @@ impl Row {
         let Following { step_px, number, .. } = *following;
         let (block, entries) = (evaluator.block, &list.entries[..]);
         evaluator.enter_tile(work, list, [column, row]);
-        let pixels = pixels_in_picture(evaluator.world, [column, row]);
-        let pace = |activity: &PixelActivity| PixelPath::pace(block, step_px, activity);
-        let activity = evaluator.tile_activity(work, entries, pixels, pace);
-        self.report.entries += activity.entries as u64;
-        self.report.pixel_blocks += u64::from(pixels.count_ones());
-        self.resting[column] = activity.still.then(|| Resting {
-            version: evaluator.lighting.version(),
-            beams: work.beams().into(),
-            pixels,
-            entries: activity.entries as u64,
-        });
+        let pixels = pixels_in_picture(evaluator.world, work, [column, row]);
+        let strides = |activity: &PixelActivity| PixelPath::strides(block, step_px, activity);
+        let activity = evaluator.tile_activity(work, entries, pixels, strides);
+        self.count_tile(work, evaluator, column, (activity.still, pixels, activity.entries as u64));
         if pixels == 0 || activity.still && !block.jump {
             return;
         }
@@ -596,7 +603,7 @@ impl Row {
         let block = evaluator.block;
         evaluator.enter_tile(work, list, [column, row]);
         let place = |pixel: usize| (column * TILE + pixel % TILE, row * TILE + pixel / TILE);
-        let inside = pixels_in_picture(evaluator.world, [column, row]);
+        let inside = pixels_in_picture(evaluator.world, work, [column, row]);
         // Of a tile whose others a device has followed.
         let (again, only) = (only.is_some(), only.unwrap_or(u64::MAX));
         let mut activities = [None; PIXELS];
@@ -609,14 +616,7 @@ impl Row {
             entry_count += work.entry_count(pixel) as u64;
         }
         if !again {
-            self.report.entries += entry_count;
-            self.report.pixel_blocks += u64::from(pixels.count_ones());
-            self.resting[column] = still.then(|| Resting {
-                version: evaluator.lighting.version(),
-                beams: work.beams().into(),
-                pixels,
-                entries: entry_count,
-            });
+            self.count_tile(work, evaluator, column, (still, pixels, entry_count));
         }
         if following.senses {
             let begins = self.lights[column].is_none();
@@ -710,7 +710,7 @@ impl Row {
             let moves = activities[pixel].is_some_and(|activity| !activity.still);
             packed.stride = if moves { knots.stride } else { 0 };
             packed.least = row.light as u32;
-            packed.last = before[pixel] as f32;
+            packed.memory.last = before[pixel] as f32;
             row.light += if moves { 1 + knots.times() } else { 1 };
             row.pixels.push(packed);
             self.slots.push(column * PIXELS + pixel);

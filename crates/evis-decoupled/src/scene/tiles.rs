@@ -12,12 +12,8 @@ use glam::{DMat2, DMat3, DVec2, DVec3};
 use rayon::prelude::*;
 
 use crate::Error;
+pub use crate::packed::{PIXELS, TILE};
 
-/// Pixels along a tile's side.
-pub const TILE: usize = 8;
-/// Pixels of a tile.
-pub const PIXELS: usize = TILE * TILE;
-const _: () = assert!(PIXELS == crate::packed::PIXELS, "a device has as many pixels in a tile");
 /// Corners of a tile's pixels.
 const CORNERS: usize = (TILE + 1) * (TILE + 1);
 

@@ -201,9 +201,9 @@ impl PixelPath {
         })
     }
 
-    /// How closely a device follows a pixel that sees what is so active, see [`packed::pace`].
-    pub fn pace(block: Block, step_px: f64, activity: &PixelActivity) -> u32 {
-        packed::pace(stride(block, step_px, activity), Self::least(step_px, activity))
+    /// How often a device evaluates a pixel that sees what is so active, see [`packed::strides`].
+    pub fn strides(block: Block, step_px: f64, activity: &PixelActivity) -> u32 {
+        packed::strides(stride(block, step_px, activity), Self::least(step_px, activity))
     }
 
     /// Units to which intervals are halved at most.

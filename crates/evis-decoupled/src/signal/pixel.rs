@@ -84,8 +84,8 @@ pub struct Work {
     /// By moment and entry.
     known: Vec<Known>,
     sights: Vec<Sight>,
-    /// Per entry, how closely a device follows pixels that see it, and those into which a shadow of what moves comes.
-    paces: Vec<[u32; 2]>,
+    /// Per entry, how often a device evaluates pixels that see it, and those into which a shadow of what moves comes.
+    entry_strides: Vec<[u32; 2]>,
     /// Per entry: motion during the block in pixels; and of what lies behind all.
     motion: Vec<f64>,
     background_motion: f64,
@@ -122,7 +122,7 @@ impl Default for Work {
             moments: Vec::new(),
             known: Vec::new(),
             sights: Vec::new(),
-            paces: Vec::new(),
+            entry_strides: Vec::new(),
             motion: Vec::new(),
             background_motion: 0.0,
             slot_count: 0,
@@ -147,6 +147,11 @@ impl Work {
         (to - from) as usize
     }
 
+    /// Pixels of the tile in which the lens shows something.
+    pub fn pixels(&self) -> u64 {
+        self.view.pixels
+    }
+
     /// See [`TileLight::beams`], once activities are known.
     pub fn beams(&self) -> &[Option<Beam>] {
         &self.light.beams
@@ -159,8 +164,8 @@ pub struct TileActivity {
     pub still: bool,
     /// Entries of all its pixels, together.
     pub entries: usize,
-    /// See [`packed::pace`], of what lies behind everything.
-    background: u32,
+    /// See [`packed::strides`], of what lies behind everything.
+    background_strides: u32,
 }
 
 /// What a pixel's light does during a block.
@@ -172,6 +177,18 @@ pub struct PixelActivity {
     pub motion_px: f64,
     /// Periods of the fastest sine that its light follows, during the block.
     pub periods: f64,
+}
+
+impl PixelActivity {
+    /// Nothing changes.
+    const STILL: Self = Self { still: true, motion_px: 0.0, periods: 0.0 };
+
+    /// Adds what does `other`.
+    fn join(&mut self, other: &Self) {
+        self.still &= other.still;
+        self.motion_px = self.motion_px.max(other.motion_px);
+        self.periods = self.periods.max(other.periods);
+    }
 }
 
 impl Evaluator<'_> {
@@ -222,67 +239,75 @@ impl Evaluator<'_> {
     /// What pixel number `pixel` of the tile sees, and what that does; to be asked once for each pixel, before any is entered.
     pub fn activity(&self, work: &mut Work, entries: &[Entry], pixel: usize) -> PixelActivity {
         let from = work.own.len();
-        let mut activity = PixelActivity { still: true, motion_px: 0.0, periods: 0.0 };
-        let block_s = self.block.length_us() * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
-        for (slot, entry) in entries.iter().enumerate() {
-            if entry.touches >> pixel & 1 == 1 {
-                let covers = entry.covers >> pixel & 1 == 1;
-                work.own.push(Own { slot, record: entry.record, covers });
-                let record = &self.lists.records[entry.record as usize];
-                self.lighting.ready(&mut work.light, record, entry.record, slot);
-                let (still, motion, moved) = self.lighting.changes_of(&work.light, slot);
-                activity.still &= still && record.still;
-                activity.periods = activity.periods.max(block_s * self.lighting.sine_hz(&work.light, slot));
-                // A highlight bends light as an edge does in a pixel.
-                activity.motion_px =
-                    activity.motion_px.max(work.motion[slot]).max(self.lighting.lobes(&work.light, slot));
-                if moved >> pixel & 1 == 1 {
-                    activity.motion_px = activity.motion_px.max(motion);
-                    activity.still = false;
-                }
+        let mut activity = PixelActivity::STILL;
+        for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| entry.touches >> pixel & 1 == 1) {
+            let covers = entry.covers >> pixel & 1 == 1;
+            work.own.push(Own { slot, record: entry.record, covers });
+            let (own, shadows, moved) = self.entry_activity(work, (slot, entry));
+            activity.join(&own);
+            if moved >> pixel & 1 == 1 {
+                activity.join(&shadows);
             }
         }
-        if work.filled >> pixel & 1 == 0 && !self.lighting.background_rests() {
-            activity.still = false;
-            activity.motion_px = activity.motion_px.max(work.background_motion);
+        if work.filled >> pixel & 1 == 0 {
+            activity.join(&self.background_activity(work));
         }
         work.owns[pixel] = [from, work.own.len()].map(|v| v as u32);
         activity
     }
 
-    /// What the `pixels` of the tile see all together, and what that does; `pace` says how closely a device follows what is so active.
+    /// What a pixel's light does that sees entry `slot` of the tile, and what it does besides where shadows of what moves come, with
+    /// the pixels into which these may come.
+    fn entry_activity(
+        &self,
+        work: &mut Work,
+        (slot, entry): (usize, &Entry),
+    ) -> (PixelActivity, PixelActivity, u64) {
+        let record = &self.lists.records[entry.record as usize];
+        self.lighting.ready(&mut work.light, record, entry.record, slot);
+        let (still, moved_px, moved) = self.lighting.changes_of(&work.light, slot);
+        let block_s = self.block.length_us() * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
+        let own = PixelActivity {
+            still: still && record.still,
+            // A highlight bends light as an edge does in a pixel.
+            motion_px: work.motion[slot].max(self.lighting.lobes(&work.light, slot)),
+            periods: block_s * self.lighting.sine_hz(&work.light, slot),
+        };
+        (own, PixelActivity { still: false, motion_px: moved_px, periods: 0.0 }, moved)
+    }
+
+    /// What the light of a pixel does that sees what lies behind everything.
+    fn background_activity(&self, work: &Work) -> PixelActivity {
+        if self.lighting.background_rests() {
+            return PixelActivity::STILL;
+        }
+        PixelActivity { still: false, motion_px: work.background_motion, periods: 0.0 }
+    }
+
+    /// What the `pixels` of the tile see all together, and what that does; `strides` says how often a device evaluates what is so
+    /// active, see [`packed::strides`].
     pub fn tile_activity(
         &self,
         work: &mut Work,
         entries: &[Entry],
         pixels: u64,
-        pace: impl Fn(&PixelActivity) -> u32,
+        strides: impl Fn(&PixelActivity) -> u32,
     ) -> TileActivity {
-        let block_s = self.block.length_us() * 1e-6 * self.world.scene.speed.unwrap_or(1.0);
-        work.paces.clear();
+        let strides = |activity: PixelActivity| if activity.still { 0 } else { strides(&activity) };
+        work.entry_strides.clear();
         let (mut still, mut count) = (true, 0);
         for (slot, entry) in entries.iter().enumerate() {
             let touches = entry.touches & pixels;
-            let record = &self.lists.records[entry.record as usize];
-            self.lighting.ready(&mut work.light, record, entry.record, slot);
-            let (rests, moved_px, moved) = self.lighting.changes_of(&work.light, slot);
-            let own = PixelActivity {
-                still: rests && record.still,
-                motion_px: work.motion[slot].max(self.lighting.lobes(&work.light, slot)),
-                periods: block_s * self.lighting.sine_hz(&work.light, slot),
-            };
-            let shadows = PixelActivity { still: moved & touches == 0, motion_px: moved_px, periods: 0.0 };
-            work.paces.push([&own, &shadows].map(|activity| if activity.still { 0 } else { pace(activity) }));
+            let (own, shadows, moved) = self.entry_activity(work, (slot, entry));
+            let shadows = if moved & touches == 0 { PixelActivity::STILL } else { shadows };
             still &= touches == 0 || own.still && shadows.still;
             count += touches.count_ones() as usize;
+            work.entry_strides.push([own, shadows].map(strides));
         }
-        let mut background = 0;
-        if pixels & !work.filled != 0 && !self.lighting.background_rests() {
-            background =
-                pace(&PixelActivity { still: false, motion_px: work.background_motion, periods: 0.0 });
-            still = false;
-        }
-        TileActivity { still, entries: count, background }
+        let sees_background = pixels & !work.filled != 0;
+        let background = if sees_background { self.background_activity(work) } else { PixelActivity::STILL };
+        still &= background.still;
+        TileActivity { still, entries: count, background_strides: strides(background) }
     }
 
     /// Whether luminance of pixel number `pixel` surely stays between `low` and `high` throughout the block.
@@ -319,61 +344,59 @@ impl Evaluator<'_> {
         pixels: u64,
         packer: &mut RowPacker,
     ) -> Option<packed::Tile> {
-        let lighting = self.lighting;
-        let record = |entry: &Entry| &self.lists.records[entry.record as usize];
-        let seen = |entry: &Entry| entry.touches & pixels != 0;
-        let mapped = entries.iter().any(|entry| seen(entry) && lighting.has_maps(record(entry).facet));
-        if !self.can_pack(work, mapped, packer) {
-            return None;
-        }
+        self.can_pack(work, (entries, pixels), packer)?;
         let first = packer.row.entries.len();
-        for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| seen(entry)) {
-            let of = (record(entry), entry.record);
-            lighting.shade_slot(&mut work.light, of.0, slot);
-            lighting.pack_entry(&work.light, slot, of, packer);
-            let bounds = lighting.pack_bounds(&mut work.light, (slot, of.0.facet), packer);
-            let Some(packed) = packer.row.entries.last_mut() else { continue };
+        for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| entry.touches & pixels != 0) {
+            let number = self.pack_entry(work, (slot, entry), packer);
+            let facet = self.lists.records[entry.record as usize].facet;
+            let bounds = self.lighting.pack_bounds(&mut work.light, (slot, facet), packer);
+            let (_, _, moved) = self.lighting.changes_of(&work.light, slot);
+            let packed = &mut packer.row.entries[number as usize];
             [packed.touches, packed.covers, packed.moved] =
-                [entry.touches, entry.covers, lighting.changes_of(&work.light, slot).2]
-                    .map(|m| halves(m & pixels));
-            [packed.pace, packed.moved_pace] = work.paces[slot];
+                [entry.touches, entry.covers, moved].map(|mask| halves(mask & pixels));
+            [packed.strides, packed.moved_strides] = work.entry_strides[slot];
             if let Some(bounds) = bounds {
                 packed.bounds = bounds;
                 packed.flags |= packed::BOUNDED;
             }
         }
-        let middle = packer.centre();
-        let at = work.view.pixel(0).middle;
-        let at = work.view.image_point(at);
+        let centre = packer.centre();
         let row = &mut packer.row;
         let mut tile = packed::Tile {
-            first: [at.x - middle[0], at.y - middle[1]].map(|v| v as f32),
+            first: middle_of(work, 0, centre),
             pixels: halves(pixels),
             filled: halves(work.filled),
             entries: first as u32,
             entry_count: (row.entries.len() - first) as u32,
             own: row.own as u32,
-            background_pace: activity.background,
+            background_strides: activity.background_strides,
             frames: packed::NO_FRAMES,
             ..packed::Tile::default()
         };
         row.own += activity.entries;
-        row.has_maps |= mapped;
-        let paces = work.paces.as_flattened().iter().copied().chain([activity.background]);
-        let strides = paces.map(|pace| pace & ((1 << packed::PACE_BITS) - 1)).filter(|stride| *stride > 0);
-        row.least_stride = strides.chain(row.least_stride).min();
         if !work.view.is_square() {
             tile.frames = row.points.len() as u32;
-            (0..PIXELS).for_each(|pixel| row.points.extend(frame_rows(work, pixel, middle)));
+            (0..PIXELS).for_each(|pixel| row.points.extend(frame_rows(work, pixel, centre)));
         }
         Some(tile)
     }
 
-    /// Whether a device can show a tile that is `mapped`.
-    fn can_pack(&self, work: &Work, mapped: bool, packer: &RowPacker) -> bool {
+    /// Those of the `pixels` of a tile that may see a facet with maps; `None` where a device cannot show it.
+    fn can_pack(&self, work: &Work, (entries, pixels): (&[Entry], u64), packer: &RowPacker) -> Option<u64> {
+        let facet = |entry: &Entry| self.lists.records[entry.record as usize].facet;
+        let seen = entries.iter().filter(|entry| entry.touches & pixels != 0);
+        let mapped = seen.filter(|entry| self.lighting.has_maps(facet(entry)));
+        let mapped = mapped.fold(0, |mapped, entry| mapped | entry.touches);
         // Parameters of facets are linear before parallel rays, and projective behind a lens that bends them.
         let is_bent_and_parallel = !work.view.is_square() && self.lists.depths.far.is_finite();
-        (!mapped || packer.has_maps()) && !is_bent_and_parallel
+        ((mapped == 0 || packer.has_maps()) && !is_bent_and_parallel).then_some(mapped)
+    }
+
+    /// Appends entry `slot` of a tile to `packer`; its number in the row.
+    fn pack_entry(&self, work: &mut Work, (slot, entry): (usize, &Entry), packer: &mut RowPacker) -> u32 {
+        let record = &self.lists.records[entry.record as usize];
+        self.lighting.shade_slot(&mut work.light, record, slot);
+        self.lighting.pack_entry(&work.light, slot, (record, entry.record), packer)
     }
 
     /// Appends to `packer` what the `pixels` of a tile may see, once their activities are known, and returns these, without their
@@ -386,36 +409,26 @@ impl Evaluator<'_> {
         packer: &mut RowPacker,
     ) -> Option<Vec<packed::Pixel>> {
         let lighting = self.lighting;
-        let record = |entry: &Entry| &self.lists.records[entry.record as usize];
-        let seen = |entry: &&Entry| entry.touches & pixels != 0;
-        let mapped = entries.iter().filter(seen).filter(|entry| lighting.has_maps(record(entry).facet));
-        let mapped = mapped.fold(0_u64, |pixels, entry| pixels | entry.touches);
+        let mapped = self.can_pack(work, (entries, pixels), packer)?;
         let bent = !work.view.is_square();
-        if !self.can_pack(work, mapped != 0, packer) {
-            return None;
-        }
         let mut numbers = vec![0; entries.len()];
-        for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| seen(entry)) {
-            let of = (record(entry), entry.record);
-            lighting.shade_slot(&mut work.light, of.0, slot);
-            numbers[slot] = lighting.pack_entry(&work.light, slot, of, packer);
+        for (slot, entry) in entries.iter().enumerate().filter(|(_, entry)| entry.touches & pixels != 0) {
+            numbers[slot] = self.pack_entry(work, (slot, entry), packer);
         }
         let packed = |pixel: usize| {
             let own = &work.own[work.owns[pixel][0] as usize..work.owns[pixel][1] as usize];
             let first = packer.row.words.len() as u32;
             let of = |own: &Own| numbers[own.slot] | if own.covers { packed::COVERS } else { 0 };
             packer.row.words.extend(own.iter().map(of));
-            let [x, y] = work.view.pixel(pixel).middle;
-            let at = work.view.image_point([x, y]);
-            let middle = packer.centre();
-            let centre = [at.x - middle[0], at.y - middle[1]].map(|v| v as f32);
+            let centre = middle_of(work, pixel, packer.centre());
             let (own_count, number) = (own.len() as u32, pixel as u32);
             let plain = |own: &Own| own.covers && !lighting.is_shadowed(&work.light, own.slot, pixel);
             let mut packed = packed::Pixel { centre, own: first, own_count, number, ..Default::default() };
             if bent {
                 packed.flags |= packed::BENT;
                 packed.frame = packer.row.points.len() as u32;
-                packer.row.points.extend(frame_rows(work, pixel, middle));
+                let rows = frame_rows(work, pixel, packer.centre());
+                packer.row.points.extend(rows);
             }
             if mapped >> pixel & 1 == 1 {
                 packed.flags |= packed::MAPPED;
@@ -614,6 +627,12 @@ impl Evaluator<'_> {
         }
         sum
     }
+}
+
+/// The middle of a pixel on the picture without distortion, from the picture's `centre`.
+fn middle_of(work: &Work, pixel: usize, centre: [f64; 2]) -> [f32; 2] {
+    let at = work.view.image_point(work.view.pixel(pixel).middle);
+    [at.x - centre[0], at.y - centre[1]].map(|v| v as f32)
 }
 
 /// Rows of a pixel behind a distorted lens, see [`packed::Pixel::frame`]; `centre` is the picture's.

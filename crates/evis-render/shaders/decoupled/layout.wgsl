@@ -94,10 +94,10 @@ struct Entry {
     touches: vec2<u32>,
     covers: vec2<u32>,
     moved: vec2<u32>,
-    // How closely a pixel that sees it is followed, and one into which such a shadow may come: units between evaluations, and from bit 16
-    // on those to which intervals are halved; 0 of what stays as it is.
-    pace: u32,
-    moved_pace: u32,
+    // How often a pixel that sees it is evaluated, and one into which such a shadow may come: units between evaluations, and from bit
+    // STRIDE_BITS on those to which intervals are halved; 0 of what stays as it is.
+    strides: u32,
+    moved_strides: u32,
     // First word of its light's bounds.
     bounds: u32,
     pad: array<u32, 3>,
@@ -126,22 +126,10 @@ struct Tile {
     view: u32,
     place: u32,
     // As an entry's.
-    background_pace: u32,
+    background_strides: u32,
     // First of six rows per pixel, of a distorted lens.
     frames: u32,
     pad: u32,
-};
-
-// What a pixel remembers between blocks.
-struct Memory {
-    last: f32,
-    before_us: f32,
-    before: f32,
-    log: f32,
-    above: f32,
-    below: f32,
-    flags: u32,
-    number: u32,
 };
 
 const TILE_WORDS: u32 = 22u;
@@ -149,8 +137,25 @@ const MEMORY_WORDS: u32 = 8u;
 // Words of a pixel that failed: its number, and what it remembers.
 const FAILED_WORDS: u32 = 1u + MEMORY_WORDS;
 const NO_FRAMES: u32 = 0xffffffffu;
-const PACE_BITS: u32 = 16u;
+const STRIDE_BITS: u32 = 16u;
+const STRIDE_MASK: u32 = (1u << STRIDE_BITS) - 1u;
 
+// What a pixel remembers between blocks.
+struct Memory {
+    // Light at the end of a block, and at a time before that, counted from there.
+    last: f32,
+    before_us: f32,
+    before: f32,
+    // Of the reference: logarithm, and the luminances at which it fires next.
+    log: f32,
+    above: f32,
+    below: f32,
+    flags: u32,
+    // Number of that block.
+    number: u32,
+};
+
+// A pixel, given or prepared here, and what becomes of it.
 struct Pixel {
     // From the picture's centre.
     centre: vec2<f32>,
@@ -165,14 +170,8 @@ struct Pixel {
     // the number within its row at which its own begins.
     stride: u32,
     least: u32,
-    // Light at the start, and at a time before that.
-    last: f32,
-    before_us: f32,
-    before: f32,
-    // Of the reference: logarithm, and the luminances at which it fires next.
-    log: f32,
-    above: f32,
-    below: f32,
+    // At the start of the block, then as far as it is followed.
+    memory: Memory,
     flags: u32,
     evaluations: u32,
     // Something did not fit: what became of it counts for nothing.
@@ -240,7 +239,7 @@ const GLOWS_APART: u32 = 64u;
 const SHARP: u32 = 128u;
 // Its light has bounds.
 const BOUNDED: u32 = 256u;
-// Pixel, and what it remembers.
+// What a pixel remembers.
 const HAS_BEFORE: u32 = 1u;
 const RESTED: u32 = 2u;
 const BEGINS: u32 = 4u;

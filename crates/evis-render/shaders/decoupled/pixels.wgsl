@@ -209,7 +209,7 @@ fn go_along_levels(pixel: Pixel, found: Point, ends: u32) {
     let top = ends + 2u * (max(waiting, 1u) - 1u);
     var goal = found;
     if (wanted == AT_START) {
-        if ((pixel.flags & BEGINS) != 0u) {
+        if ((pixel.memory.flags & BEGINS) != 0u) {
             refer_to(log(found.luminance / job.reference_luminance + job.log_eps));
         } else if ((job.flags & JUMPS) != 0u && !alone) {
             straight_to(Point(JUMP_US, found.luminance));
@@ -303,11 +303,11 @@ fn follow_pixel(index: u32, pixel: Pixel) {
         wanted = scratch[state + 1u];
         unit = scratch[state + 2u];
         waiting = scratch[state + 3u];
-    } else if (jumps || alone || (!senses && (pixel.flags & (RESTED | BEGINS)) != 0u)) {
+    } else if (jumps || alone || (!senses && (pixel.memory.flags & (RESTED | BEGINS)) != 0u)) {
         wanted = AT_START;
         unit = select(0u, job.number, alone);
     } else if (senses) {
-        put_light(0u, pixel.last);
+        put_light(0u, pixel.memory.last);
         at = 1u;
         wanted = AT_KNOT;
         unit = pixel.stride;
@@ -315,12 +315,12 @@ fn follow_pixel(index: u32, pixel: Pixel) {
         wanted = select(AT_GOAL, AT_CUT, is_cut);
         unit = select(2u * pixel.stride, UNITS, is_cut);
     }
-    last = Point(time_of_unit(select(at, 0u, senses)), pixel.last);
-    before = Point(pixel.before_us, pixel.before);
-    has_before = (pixel.flags & HAS_BEFORE) != 0u;
-    reference_log = pixel.log;
-    above = pixel.above;
-    below = pixel.below;
+    last = Point(time_of_unit(select(at, 0u, senses)), pixel.memory.last);
+    before = Point(pixel.memory.before_us, pixel.memory.before);
+    has_before = (pixel.memory.flags & HAS_BEFORE) != 0u;
+    reference_log = pixel.memory.log;
+    above = pixel.memory.above;
+    below = pixel.memory.below;
     fired_count = 0u;
     piece_count = 0u;
 
@@ -344,13 +344,10 @@ fn follow_pixel(index: u32, pixel: Pixel) {
         }
     }
     failed = failed || !loops_run(pixel.own_count + 2u);
-    pixels[index].last = last.luminance;
-    pixels[index].before_us = before.t_us;
-    pixels[index].before = before.luminance;
-    pixels[index].log = reference_log;
-    pixels[index].above = above;
-    pixels[index].below = below;
-    pixels[index].flags = select(0u, HAS_BEFORE, has_before);
+    let flags = select(0u, HAS_BEFORE, has_before);
+    let memory =
+        Memory(last.luminance, before.t_us, before.luminance, reference_log, above, below, flags, job.number);
+    pixels[index].memory = memory;
     pixels[index].evaluations = pixel.evaluations + 1u;
     pixels[index].failed = select(0u, 1u, failed);
     if (!done && !failed) {
@@ -360,24 +357,21 @@ fn follow_pixel(index: u32, pixel: Pixel) {
             atomicAdd(&events.groups[groups_at(turn.round + 1u, CLASS)], 1u);
         }
     } else if (is_of_tile) {
-        leave(index, pixel);
+        leave(index, memory, pixel.evaluations + 1u);
     }
 }
 
-// Keeps what a pixel of a tile remembers at the end of the block, or gives it back as it was before.
-fn leave(index: u32, pixel: Pixel) {
+// Keeps what a pixel of a tile remembers at the end of the block, evaluated so often, or gives it back as it was before.
+fn leave(index: u32, memory: Memory, evaluations: u32) {
     if ((job.flags & LIGHT_ALONE) != 0u) {
         scratch[batch.light + index - batch.given] = bitcast<u32>(select(last.luminance, NOT_FOUND, failed));
     } else if (failed) {
         give_back(index);
     } else {
-        let before_us = before.t_us - job.length_us;
-        let flags = select(0u, HAS_BEFORE, has_before);
-        remember(
-            memory_of(index),
-            Memory(last.luminance, before_us, before.luminance, reference_log, above, below, flags, job.number),
-        );
-        atomicAdd(&events.evaluations, pixel.evaluations + 1u);
+        var kept = memory;
+        kept.before_us -= job.length_us;
+        remember(memory_of(index), kept);
+        atomicAdd(&events.evaluations, evaluations);
     }
 }
 

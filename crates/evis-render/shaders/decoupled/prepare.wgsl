@@ -1,5 +1,5 @@
 #import decoupled/layout.wgsl
-// Prepares the pixels of tiles: what each of them may see, how closely it is followed, whether bounds prove it quiet; and counts all pixels
+// Prepares the pixels of tiles: what each of them may see, how often it is evaluated, whether bounds prove it quiet; and counts all pixels
 // by class and entries. A workgroup takes a tile, or as many pixels that were given. Twins: `Evaluator::activity` and
 // `Evaluator::stays_within` of evis-decoupled.
 
@@ -9,13 +9,13 @@ const LEVEL_SLACK: f32 = 1e-5;
 // Entries of pixels.
 var<workgroup> counts: array<u32, 64>;
 
-// The closer of two paces, see Entry.
+// The more frequent evaluation of two, see Entry.
 fn closer(a: u32, b: u32) -> u32 {
     if (a == 0u || b == 0u) {
         return max(a, b);
     }
-    let low = (1u << PACE_BITS) - 1u;
-    return min(a & low, b & low) | (min(a >> PACE_BITS, b >> PACE_BITS) << PACE_BITS);
+    let stride = min(a & STRIDE_MASK, b & STRIDE_MASK);
+    return stride | (min(a >> STRIDE_BITS, b >> STRIDE_BITS) << STRIDE_BITS);
 }
 
 // Least and most luminance that an entry sends into the pixel, of which it is known which shadows it has there.
@@ -76,7 +76,7 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
     let memory_word = memory_of(index);
     let follows = has_bit(tile.pixels, number);
     var own_count = 0u;
-    var pace = 0u;
+    var strides = 0u;
     var flags = select(IS_BENT, 0u, tile.frames == NO_FRAMES);
     var memory = Memory(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0u, 0u);
     if (follows) {
@@ -93,9 +93,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
             continue;
         }
         own_count += 1u;
-        pace = closer(pace, entries[entry].pace);
+        strides = closer(strides, entries[entry].strides);
         if (has_bit(entries[entry].moved, number)) {
-            pace = closer(pace, entries[entry].moved_pace);
+            strides = closer(strides, entries[entry].moved_strides);
         }
         flags |= select(0u, IS_MAPPED, (entries[entry].flags & HAS_MAPS) != 0u);
         is_plain = own_count == 1u && has_bit(entries[entry].covers, number) && !is_shadowed(entry);
@@ -108,14 +108,14 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
     }
     if (follows && !has_bit(tile.filled, number)) {
-        pace = closer(pace, tile.background_pace);
+        strides = closer(strides, tile.background_strides);
         is_quiet = is_quiet && job.sky_levels == 0u && low < job.background && job.background < high;
     }
     flags |= select(0u, IS_PLAIN, is_plain);
     // Nothing is proved of a pixel that stays as it is: it must jump.
-    is_quiet = is_quiet && pace != 0u;
+    is_quiet = is_quiet && strides != 0u;
     let returned = follows && has_bit(tile.returned, number);
-    let idle = !follows || returned || is_quiet || (pace == 0u && !jumps && !alone);
+    let idle = !follows || returned || is_quiet || (strides == 0u && !jumps && !alone);
     if (idle) {
         own_count = 0u;
     }
@@ -148,8 +148,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         }
     }
     // What went before was still, otherwise.
-    let has_gone_on = (memory.flags & HAS_BEFORE) != 0u && memory.number + 1u == job.number;
-    flags |= (memory.flags & (RESTED | BEGINS)) | select(0u, HAS_BEFORE, has_gone_on);
+    if (memory.number + 1u != job.number) {
+        memory.flags &= ~HAS_BEFORE;
+    }
     let offset = vec2<f32>(f32(number % 8u), f32(number / 8u));
     pixels[index] = Pixel(
         tile.first + offset,
@@ -157,14 +158,9 @@ fn main(@builtin(workgroup_id) group: vec3<u32>, @builtin(local_invocation_index
         own_count,
         number,
         tile.bases,
-        pace & ((1u << PACE_BITS) - 1u),
-        pace >> PACE_BITS,
-        memory.last,
-        memory.before_us,
-        memory.before,
-        memory.log,
-        memory.above,
-        memory.below,
+        strides & STRIDE_MASK,
+        strides >> STRIDE_BITS,
+        memory,
         flags,
         0u,
         0u,

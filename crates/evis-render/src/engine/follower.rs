@@ -144,6 +144,7 @@ fn class_of(pixel: &Pixel) -> usize {
 /// Which classes of pixels `block` may have.
 fn classes_of(block: &Block) -> [bool; CLASSES] {
     let mut has = [false; CLASSES];
+    let has_maps = block.entries.iter().any(|entry| entry.flags & packed::HAS_MAPS != 0);
     block.pixels.iter().for_each(|pixel| has[class_of(pixel)] = true);
     for tile in &block.tiles {
         let (classes, mapped) = match tile.frames {
@@ -151,9 +152,17 @@ fn classes_of(block: &Block) -> [bool; CLASSES] {
             _ => (&[decoupled::BENT][..], decoupled::BENT_MAPPED),
         };
         classes.iter().for_each(|class| has[*class] = true);
-        has[mapped] |= block.has_maps;
+        has[mapped] |= has_maps;
     }
     has
+}
+
+/// Units between evaluations of the pixel of `block` that has the fewest of them.
+fn least_stride(block: &Block) -> Option<u32> {
+    let of_entries = block.entries.iter().flat_map(|entry| [entry.strides, entry.moved_strides]);
+    let of_tiles = of_entries.chain(block.tiles.iter().map(|tile| tile.background_strides));
+    let of_tiles = of_tiles.map(packed::stride_of).filter(|stride| *stride > 0);
+    block.pixels.iter().map(|pixel| pixel.stride.max(1)).chain(of_tiles).min()
 }
 
 /// Where in the words of intermediate values what is.
@@ -204,6 +213,12 @@ impl ViewMemory {
         })
     }
 }
+
+const _: () = assert!(
+    SCRATCH_WORDS as usize * size_of::<u32>() + size_of::<Memory>() + size_of::<Failed>()
+        <= 2 * packed::PREPARED_BYTES,
+    "what is known of a pixel fits where a block's other arrays do"
+);
 
 /// What came of a block.
 #[derive(Clone, Copy, Default)]
@@ -306,33 +321,25 @@ impl Follower {
         })
     }
 
-    fn write(&mut self, input: Input, bytes: &[u8]) -> Result<(), Error> {
-        check(&self.gpu, input.label(), bytes.len() as u64)?;
-        self.inputs[input as usize].write(&self.gpu.device, &self.gpu.queue, bytes);
+    /// Writes `parts` into an input, one behind the other.
+    fn write(&mut self, input: Input, parts: [&[u8]; 2]) -> Result<(), Error> {
+        let [first, second] = parts.map(|part| part.len() as u64);
+        check(&self.gpu, input.label(), first + second)?;
+        let (device, queue) = (&self.gpu.device, &self.gpu.queue);
+        let buffer = &mut self.inputs[input as usize];
+        buffer.reserve(device, first + second);
+        for (at, part) in [0, first].into_iter().zip(parts).filter(|(_, part)| !part.is_empty()) {
+            queue.write_buffer(buffer.get(), at, part);
+        }
         Ok(())
     }
 
     /// Sends `block` up, but for its pixels.
     fn send(&mut self, block: &Block) -> Result<(), Error> {
-        let (points, jobs): (&[u8], &[u8]) =
-            (bytemuck::cast_slice(&block.points), bytemuck::cast_slice(&block.jobs));
-        let both = (points.len() + jobs.len()) as u64;
-        check(&self.gpu, Input::Points.label(), both)?;
-        self.inputs[Input::Points as usize].reserve(&self.gpu.device, both);
-        self.write(Input::Points, points)?;
-        // Jobs lie after the points.
-        let buffer = self.inputs[Input::Points as usize].get();
-        self.gpu.queue.write_buffer(buffer, points.len() as u64, jobs);
-        self.write(Input::Entries, bytemuck::cast_slice(&block.entries))?;
-        let (words, tiles): (&[u8], &[u8]) =
-            (bytemuck::cast_slice(&block.words), bytemuck::cast_slice(&block.tiles));
-        let both = (words.len() + tiles.len()) as u64;
-        check(&self.gpu, Input::Words.label(), both)?;
-        self.inputs[Input::Words as usize].reserve(&self.gpu.device, both);
-        self.write(Input::Words, words)?;
-        // Tiles lie after the words.
-        let buffer = self.inputs[Input::Words as usize].get();
-        self.gpu.queue.write_buffer(buffer, words.len() as u64, tiles);
+        use bytemuck::cast_slice;
+        self.write(Input::Entries, [cast_slice(&block.entries), &[]])?;
+        self.write(Input::Words, [cast_slice(&block.words), cast_slice(&block.tiles)])?;
+        self.write(Input::Points, [cast_slice(&block.points), cast_slice(&block.jobs)])?;
         let row = size_of::<[f32; 4]>() as u64;
         let from = u64::from(block.kept_from) * row;
         check(&self.gpu, "appearances of facets and the sky", from + block.kept.len() as u64 * row)?;
@@ -403,8 +410,7 @@ impl Follower {
             let pass = pass_of(&self.gpu, &self.passes, class).map_err(refused)?;
             passes.push((class, pass, self.bind(pass)));
         }
-        let strides = block.pixels.iter().map(|pixel| pixel.stride.max(1)).chain(block.least_stride);
-        let most = strides.min().map_or(0, |stride| UNITS / stride);
+        let most = least_stride(block).map_or(0, |stride| UNITS / stride);
         // An even number, see `ROUNDS`.
         let rounds = ((most + MORE_ROUNDS) / 2 * 2).min(ROUNDS);
         let mut commands = Commands::new(&self.gpu, "follow pixels");
@@ -479,7 +485,8 @@ fn begin_rounds(head: &mut [u32]) {
 
 /// Pixels of all tiles of a view.
 fn pixels_of(view: &ViewSensor) -> u64 {
-    let tiles: u64 = view.size.map(|side| u64::from(side).div_ceil(8)).into_iter().product();
+    let tiles: u64 =
+        view.size.map(|side| u64::from(side).div_ceil(packed::TILE as u64)).into_iter().product();
     tiles * PIXELS as u64
 }
 
@@ -523,7 +530,7 @@ impl Device for Follower {
     }
 
     fn follow(&mut self, block: &mut Block) -> Result<Found, Error> {
-        let _span = tracing::trace_span!("follow pixels", pixels = block.pixels.len()).entered();
+        let _span = tracing::trace_span!("follow pixels", pixels = block.pixel_count()).entered();
         self.send(block)?;
         let mut capacity = (self.events_per_pixel * block.pixel_count() as u32).max(1);
         let mut totals = self.run(block, capacity)?;

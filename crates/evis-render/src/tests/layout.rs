@@ -386,8 +386,8 @@ fn host_and_shader_structs_have_one_layout() {
             touches,
             covers,
             moved,
-            pace,
-            moved_pace,
+            strides,
+            moved_strides,
             bounds,
             pad
         }
@@ -409,7 +409,7 @@ fn host_and_shader_structs_have_one_layout() {
             own,
             view,
             place,
-            background_pace,
+            background_strides,
             frames,
             pad
         }
@@ -430,12 +430,7 @@ fn host_and_shader_structs_have_one_layout() {
             bases,
             stride,
             least,
-            last,
-            before_us,
-            before,
-            log,
-            above,
-            below,
+            memory,
             flags,
             evaluations,
             failed,
@@ -660,7 +655,7 @@ fn constants_agree() {
         ("IS_PLAIN", packed::PLAIN.into()),
         ("IS_BENT", packed::BENT.into()),
         ("IS_MAPPED", packed::MAPPED.into()),
-        ("PACE_BITS", packed::PACE_BITS.into()),
+        ("STRIDE_BITS", packed::STRIDE_BITS.into()),
         ("NO_FRAMES", packed::NO_FRAMES.into()),
         ("TILE_WORDS", (size_of::<packed::Tile>() / size_of::<u32>()) as f64),
         ("MEMORY_WORDS", packed::MEMORY_WORDS as f64),

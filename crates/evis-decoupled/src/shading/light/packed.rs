@@ -37,14 +37,7 @@ impl RowPacker {
     /// other maps than those of base colour.
     pub fn begin(&mut self, centre: [f64; 2], times_s: [f64; 2], has_maps: bool) {
         (self.centre, self.times_s, self.has_maps) = (centre, times_s, has_maps);
-        let packed::Row { entries, words, points, pixels, light, tiles, own, least_stride, has_maps: any } =
-            &mut self.row;
-        entries.clear();
-        words.clear();
-        points.clear();
-        pixels.clear();
-        tiles.clear();
-        (*light, *own, *least_stride, *any) = (0, 0, None, false);
+        self.row.clear();
         self.records.clear();
         self.casters.clear();
         self.lit.clear();
